@@ -48,7 +48,7 @@ class MsdSimulation:
     Args:
         network: Nodes and links.
         params: Gravity, drag, ground, integrator and step; chain structure unused.
-        drive: Actuation; None for a passive network. A drive of several networks makes a population,
+        drive: Actuation; None for a passive network. A drive of several networks is a population,
             and all arrays get an axis of networks in front.
         noise: Disturbances of the network.
         seed: Seed of the noise; for a population one per network, or the first of a series.

@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The simulated robot as controllers see it: commands in, sensor readings out."""
+"""The simulated robot from the controllers' side: commands in, sensor readings out."""

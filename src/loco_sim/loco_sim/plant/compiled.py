@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Physics steps of whole control periods in one compiled call, on engines that allow it.
+"""Simulation of whole control periods in one compiled call, on engines that allow it.
 
-Drives, springs and effects act as in `Simulation.step`, and the engine's own C function takes
-each step: on the ground as in the air.
+Drives, springs and effects act as in `Simulation.step`; each step is a call of the engine's own C
+function, contacts included.
 """
 
 from __future__ import annotations
@@ -30,18 +30,18 @@ IN_JOINTS = *ON_TORQUES, "on_motor", "on_brake"  # hooks that must be laws of `e
 
 
 class Acting(NamedTuple):
-    """Deeds of effects, as data of `kernels.run`."""
+    """Actions of effects, as input arrays of `kernels.run`."""
 
     change: Laws  # laws of torques and motors
     brakes: Laws
-    weakens: bool  # some law is about motors
-    hinges: np.ndarray  # stiffness, damping, and inertia that it feels, of each hinge, (h, 3)
+    weakens: bool  # whether a law acts on motors
+    hinges: np.ndarray  # stiffness, damping and inertia of each sprung hinge, (h, 3)
     pulls: Pulls
     slips: tuple[np.ndarray, np.ndarray]  # step and shape, (c, 2), and new friction, (c,)
 
 
 def ordinary(effects: Sequence[Effect]) -> str:
-    """Why effects cannot act in a compiled loop; empty if they can."""
+    """Reason why effects cannot act in a compiled loop; "" if they can."""
     acting = [effect for effect in effects if not effect.absent()]
     for effect in acting:
         if any(overrides(effect, h) for h in IN_JOINTS) and not isinstance(effect, JointEffect):
@@ -53,12 +53,12 @@ def ordinary(effects: Sequence[Effect]) -> str:
 
 
 class Compiled:
-    """The loop of one world, from a reset to the next.
+    """Compiled loop of one world, valid from a reset to the next.
 
     Args:
-        world: World, just built, of an engine with `handles`.
+        world: Newly built world, of an engine with `handles`.
         drive: Drives and springs.
-        effects: Effects of which `ordinary` says nothing, configured and reset.
+        effects: Effects that `ordinary` accepts, configured and reset.
         steps: Physics steps in a control period.
     """
 
@@ -87,14 +87,14 @@ class Compiled:
         self._one = np.zeros(steps, dtype=np.int64)
 
     def alone(self, steps: int) -> float:
-        """Time of the engine's own steps [s], for comparison; the state moves on."""
+        """Processor time of `steps` steps of the engine alone [s]; the state advances."""
         kernels.alone(self._handles, 0)
         began = time.process_time()
         kernels.alone(self._handles, steps)
         return time.process_time() - began
 
     def recall(self, memories: np.ndarray, row: int) -> None:
-        """Let effects on sensors remember what they did at a row; nothing if none needs it."""
+        """Restore the memory of effects on sensors at a row, if there is any."""
         if len(memories):
             self._acting.change.memory[:] = memories[row]
 
@@ -106,7 +106,7 @@ class Compiled:
         """States before and after a control period, rows of `sensing.readings`, (2, …).
 
         Args:
-            before: The first of them.
+            before: State before the period.
             first: Number of the first physics step.
 
         Raises:
@@ -127,19 +127,19 @@ class Compiled:
         first: int,
         wanted: Sequence[tuple[np.ndarray, np.ndarray]] | None = None,
     ) -> tuple[np.ndarray, int, np.ndarray]:
-        """Run along commands.
+        """Simulate a command sequence.
 
         Args:
-            table: Commands as `Actuators` takes them, (k, COMMANDS, n).
-            which: Command of each physics step, (T * steps,).
+            table: Commands as in `Actuators`, (k, COMMANDS, n).
+            which: Index of the command of each physics step, (T * steps,).
             power: Supply and switch of the drives, (T, 2).
             first: Number of the first physics step.
-            wanted: Positions and velocities wanted of each command, for effects that tell a new
-                command from an old one by its arrays; None if `table` has no old ones.
+            wanted: Desired positions and velocities of each command, for effects that detect a
+                new command by the identity of its arrays; None if all commands are new.
 
         Returns:
-            The state before each row and after the last, as `kernels.run` says it; the count of
-            rows that were run; and the memory of effects, (T + 1, rows, MEMORY), empty where no
+            The state before each row and after the last, as in `kernels.run`; the number of
+            simulated rows; and the memory of effects, (T + 1, rows, MEMORY), empty if no
             sensor needs it.
         """
         acting, stop, n = self._acting, first + len(which), table.shape[2]

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Controllers that take over when commands fail: hold, sit down, damp.
+"""Fallback controllers for the safe state, used when commands fail: hold, sit down, damp.
 
-Damped is the last stage and, by default, the only one. A robot that carries something may
-rather hold its posture for a while, or sit down before it goes limp.
+Damping is the last stage and, by default, the only one. Optionally a robot holds its posture for
+a time, or sits down, before it is damped.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from ..robot.robot import Robot
 
 @dataclass(frozen=True)
 class FallbackParams(Params):
-    """Stages of the safe state, one after the other; the last, damped, has no end."""
+    """Stages of the safe state in sequence; the last, damping, has no time limit."""
 
     hold: float = parameter(0.0, "hold the measured posture first", "s", 0.0, 3600.0)
     sit: float = parameter(0.0, "then sit down within this time, 0 for not at all", "s", 0.0, 60.0)
@@ -34,13 +34,13 @@ class Fallback:
     """Commands of the safe state of one robot.
 
     Args:
-        robot: Robot that is kept safe, None for a plant without a robot: it is damped.
-        params: Stages.
+        robot: The robot; None for a plant without a robot, which is damped.
+        params: Durations of the stages.
         dt: Control period [s].
 
     Raises:
-        ParameterError: The robot cannot sit down: ``robot.yaml`` lists no legs, or the legs do
-            not fold so far.
+        ParameterError: The robot cannot sit down: ``robot.yaml`` lists no legs, or the legs cannot
+            fold that far.
     """
 
     def __init__(self, robot: Robot | None, params: FallbackParams, dt: float):
@@ -49,7 +49,7 @@ class Fallback:
         self.reset()
 
     def reset(self) -> None:
-        """Commands are good again; the next failure begins with the first stage."""
+        """Reset after valid commands; the next failure begins with the first stage."""
         self._ticks, self._first = 0, None
 
     @property
@@ -62,8 +62,8 @@ class Fallback:
     def command(self, state: RobotState) -> tuple[MotionCommand, TrunkTorque]:
         """Command of the next tick.
 
-        Held and sitting legs are under the gains of stance. Damped joints are told at each tick
-        to stay where they are measured, at rest: they give way, slowly.
+        Holding and sitting use the gains of stance. In damping, the reference of each joint is
+        its measured position at zero velocity, so that it yields slowly.
 
         Args:
             state: Newest measurement.

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Commands of the driven joints, put where the plant wants them."""
+"""Conversion of commands of the driven joints to arguments of the plant."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ from .orders import Orders
 
 
 class JointCommands:
-    """Makes the arguments of `Simulation.step` from values of the driven joints.
+    """Converter from values of the driven joints to the arguments of `Simulation.step`.
 
-    The value of a joint is an angle, or a torque where its drive is of kind ``torque``.
+    The value of a joint is an angle, or a torque if its drive is of kind ``torque``.
     """
 
     def __init__(self, robot: Robot):
@@ -32,8 +32,8 @@ class JointCommands:
         Args:
             tick: Control periods since reset.
             t: Simulated time [s].
-            q: Wanted positions [rad] or torques [N·m], (m,).
-            dq: Wanted velocities [rad/s], (m,).
+            q: Desired positions [rad] or torques [N·m], (m,).
+            dq: Desired velocities [rad/s], (m,).
         """
         wanted, speed = np.zeros(self._n), np.zeros(self._n)
         wanted[self._driven], speed[self._driven] = q, dq
@@ -48,8 +48,8 @@ class JointCommands:
         """Commands of a whole run.
 
         Args:
-            q: Wanted positions [rad] or torques [N·m], (T, m).
-            dq: Wanted velocities [rad/s], (T, m); None is none.
+            q: Desired positions [rad] or torques [N·m], (T, m).
+            dq: Desired velocities [rad/s], (T, m); None for zero.
         """
         wanted, speed, tau = np.zeros((3, len(q), self._n))
         wanted[:, self._driven] = q

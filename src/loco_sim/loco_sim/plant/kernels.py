@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The loop of `compiled.Compiled`: drives, springs, laws of effects, and the engine's C step.
+"""Compiled loop of `compiled.Compiled`: drives, springs, laws of effects, engine steps.
 
-Nothing of Python runs in it and it holds no lock, so that threads run side by side.
+It runs without the Python interpreter and its lock, so that threads run in parallel.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from ..effects.laws import bend, budgets, motors, torques
 from ..world.hinges import torque as hinge_torque
 from .sensing import BASE
 
-MADE_OF = "34923e998b14"  # of the kernels called here: see tests/loco_sim/test_kernel_caches.py
+MADE_OF = "ec604b6e4c3e"  # of the kernels called here: see tests/loco_sim/test_kernel_caches.py
 
 
 @intrinsic
@@ -33,22 +33,22 @@ def call(typing_context, address, model, data):
 
 @njit(cache=True, error_model="numpy", nogil=True)
 def run(engine, drives, acting, told, first, dt, memories, out):
-    """Run along commands until the state is no longer finite; returns the rows that were run.
+    """Simulate commands while the state is finite; return the number of simulated rows.
 
     Args:
         engine: `world.Handles`.
-        drives: Drives, springs and rotors, as `actuators.drive_torques` takes them; rotors change.
+        drives: Drives, springs and states of drives as in `actuators.drive_torques`; the states
+            are changed.
         acting: `compiled.Acting`.
-        told: Commands as in `actuators.drive_torques`, (k, COMMANDS, n), the one of them that
-            counts in each physics step, (T * steps,), and supply and switch of the drives in each
-            row, (T, 2).
+        told: Commands as in `actuators.drive_torques`, (k, COMMANDS, n); their index at each
+            physics step, (T * steps,); and supply and switch of the drives in each row, (T, 2).
         first: Number of the first physics step.
         dt: Physics step [s].
-        memories: Filled in: memory of the effects before each row and after the last,
+        memories: Result: memory of the effects before each row and after the last,
             (T + 1, rows, MEMORY), or empty.
-        out: Filled in: the state before each row and after the last, (T + 1, 3 n + 3 m + BASE):
-            positions, velocities and mean torques of the joints, force of the ground on each
-            foot (world frame), state of the base; torques and forces of the first are left alone.
+        out: Result: the state before each row and after the last, (T + 1, 3 n + 3 m + BASE):
+            positions, velocities and mean torques of the joints, ground force on each foot
+            (world frame), state of the base; torques and forces of the first row are not set.
     """
     (table, which, power), (given, springs, rotors) = told, drives
     plan, joint, const, memory, line = acting.change
@@ -121,14 +121,14 @@ def run(engine, drives, acting, told, first, dt, memories, out):
 
 @njit(cache=True, nogil=True)
 def alone(engine, steps):
-    """Take the engine's own steps and do nothing beside; torques stay as they are."""
+    """Advance the engine alone by `steps` steps, with unchanged torques."""
     for _ in range(steps):
         call(engine.step, engine.model, engine.data)
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
 def look(engine, said):
-    """Joints and base as they are, into a row as of `run`."""
+    """Current state of joints and base, written into a row of `out` of `run`."""
     n, q, dq = len(engine.q_at), engine.q, engine.dq
     for i in range(n):
         said[i], said[n + i] = q[engine.q_at[i]], dq[engine.dq_at[i]]
@@ -139,7 +139,7 @@ def look(engine, said):
     w, x, y, z = q[3], q[4], q[5], q[6]
     base[0], base[1], base[2], base[3], base[4], base[5], base[6] = q[0], q[1], q[2], x, y, z, w
     base[7], base[8], base[9] = dq[0], dq[1], dq[2]
-    a, b, c = dq[3], dq[4], dq[5]  # spin in the body's own frame
+    a, b, c = dq[3], dq[4], dq[5]  # angular velocity in the body frame
     base[10] = (
         (1.0 - 2.0 * (y * y + z * z)) * a + 2.0 * (x * y - z * w) * b + 2.0 * (x * z + y * w) * c
     )
@@ -153,7 +153,7 @@ def look(engine, said):
 
 @njit(cache=True, error_model="numpy", nogil=True)
 def hang(engine, hinges, dt):
-    """Torques of the sprung hinges in links; rows of stiffness, damping and inertia."""
+    """Apply the torques of sprung hinges within links; `hinges` has stiffness, damping, inertia."""
     for i in range(len(hinges)):
         spring, at = (hinges[i, 0], hinges[i, 1]), engine.hinge_dq_at[i]
         bent = engine.q[engine.hinge_q_at[i]], engine.dq[at]
@@ -162,7 +162,7 @@ def hang(engine, hinges, dt):
 
 @njit(cache=True, error_model="numpy", nogil=True)
 def pull(engine, pulls, step):
-    """Apply the forces from outside of one step, `pulls.Pulls` on bodies; whether there are any."""
+    """Apply the external forces of one step, `pulls.Pulls` on bodies; whether there are any."""
     body, window, const = pulls
     found = False
     for k in range(len(body)):

@@ -1,12 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A ``model.yaml``: a robot, values of it that were calibrated, and effects.
+"""Models (``model.yaml``): a robot with changed parameter values, and effects.
 
     format: 1
     robot: tigrillo
     overrides: {masses.front_body: 0.674, "springs.?h_kfe_joint.stiffness": 440.6}
     effects: [{name: command_delay, delay: 0.1}]
 
-Whoever takes the name of a robot takes the path of such a file (`load_any`).
+Where the name of a robot is accepted, the path of such a file is, too (`load_any`).
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ LEARNED = "# learned_residual is a correction: it closes a gap and explains noth
 
 @dataclass(frozen=True)
 class Model:
-    """A robot with changed values and effects: all that a simulation needs of it.
+    """A robot with changed parameter values and effects, sufficient for a simulation.
 
     Attributes:
         robot: Name, or path of a ``robot.yaml``.
@@ -51,11 +51,11 @@ class Model:
         return robot.load(self.robot, self.overrides)
 
     def make_effects(self) -> list[Effect]:
-        """The effects, new ones."""
+        """New instances of the effects."""
         return effects.from_list(self.effects)
 
     def dumps(self) -> str:
-        """Text of a ``model.yaml``, for `loads`."""
+        """Text of a ``model.yaml``, readable by `loads`."""
         values = {"format": FORMAT, "robot": self.robot}
         values |= {"overrides": dict(self.overrides), "effects": list(self.effects)}
         learned = any(effect.get("name") == LearnedResidual.name for effect in self.effects)
@@ -63,37 +63,37 @@ class Model:
         return head + yaml.safe_dump(values, sort_keys=False)
 
     def save(self, path: str | Path) -> None:
-        """Write a ``model.yaml``, whole or not at all."""
+        """Write a ``model.yaml`` atomically."""
         write_whole(path, self.dumps())
 
 
 @understood("whole model")
 def load(path: str | Path) -> Model:
-    """Read and check a ``model.yaml``; the path of a robot in it starts at its folder.
+    """Read and check a ``model.yaml``; the path of its robot is relative to the file.
 
     Raises:
         MissingFileError: There is no such file.
-        ParameterError: It is not a model, or one of another version.
-        NameUnknownError: It names a key, robot, joint, link, effect or parameter that is
-            not there.
+        ParameterError: The file is not a model, or has another format version.
+        NameUnknownError: It names a key, robot, joint, link, effect or parameter that does not
+            exist.
     """
     return loads(read_text(path, "model"), path)
 
 
 def loads(text: str, path: str | Path = "model.yaml") -> Model:
-    """Check the text of a ``model.yaml``; `path` is where it lies, for names and messages.
+    """Model from the text of a ``model.yaml``; `path` is its file, for relative paths and messages.
 
     Raises:
-        LocoError: The text is no model, or names something that is not there.
+        LocoError: The text is not a model, or names objects that do not exist.
     """
     return from_values(parse_yaml(text, path), path)
 
 
 def from_values(values: Any, path: str | Path = "model.yaml") -> Model:
-    """Check the values of a ``model.yaml``; `path` is where it lies, for names and messages.
+    """Model from the values of a ``model.yaml``; `path` is its file, for paths and messages.
 
     Raises:
-        LocoError: The text is no model, or names something that is not there.
+        LocoError: The values are not a model, or name objects that do not exist.
     """
     path = Path(path)
     if not isinstance(values, dict) or "robot" not in values:
@@ -118,10 +118,10 @@ def from_values(values: Any, path: str | Path = "model.yaml") -> Model:
 
 @understood("robot or model")
 def load_any(name_or_path: str | Path) -> Model:
-    """Model of a robot's name, the path of a robot, or the path of a ``model.yaml``.
+    """Model from the name or path of a robot, or from the path of a ``model.yaml``.
 
     Raises:
-        LocoError: The file is missing, cannot be read, or describes no robot and no model.
+        LocoError: The file is missing, cannot be read, or describes neither a robot nor a model.
     """
     path = Path(name_or_path)
     if path.is_file() and path.suffix in (".yaml", ".yml") and _is_model(path):
@@ -131,7 +131,7 @@ def load_any(name_or_path: str | Path) -> Model:
 
 
 def _is_model(path: Path) -> bool:
-    """A robot names its URDF, a model does not."""
+    """Whether a YAML file is a model; a robot has the key `urdf`, a model does not."""
     try:
         values = read_yaml(path)
     except LocoError:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Commands of a whole run that are known beforehand."""
+"""Precomputed command sequences of a whole run."""
 
 from __future__ import annotations
 
@@ -13,21 +13,21 @@ from ..robot.robot import Robot
 class Orders(NamedTuple):
     """Commands of a robot, in the order of its joints."""
 
-    q: np.ndarray  # positions wanted [rad or m], (T, n)
-    dq: np.ndarray  # velocities wanted, (T, n)
-    tau: np.ndarray  # torques wanted [N·m or N], (T, n)
-    power: np.ndarray | None  # supply and switch of the drives, (T, 2); None is on
-    ramps: tuple[bool, bool, bool]  # positions, velocities, torques go straight between rows
-    stance: np.ndarray  # feet that stand as the drives were told, (T, feet) bool
+    q: np.ndarray  # desired positions [rad or m], (T, n)
+    dq: np.ndarray  # desired velocities [rad/s or m/s], (T, n)
+    tau: np.ndarray  # feed-forward torques [N·m or N], (T, n)
+    power: np.ndarray | None  # supply and switch of the drives, (T, 2); None for on
+    ramps: tuple[bool, bool, bool]  # positions, velocities, torques are interpolated
+    stance: np.ndarray  # feet in stance according to the commands, (T, feet) bool
 
     def rows(self, first: int, stop: int) -> Orders:
-        """Rows from `first` until before `stop`; the last ramps have nowhere to go."""
+        """Rows from `first` to before `stop`; the last row is held instead of interpolated."""
         power = None if self.power is None else self.power[first:stop]
         parts = (values[first:stop] for values in (self.q, self.dq, self.tau))
         return Orders(*parts, power, self.ramps, self.stance[first:stop])
 
     def held(self) -> Orders:
-        """The same with values that are held, in place of those that go straight between rows."""
+        """Equivalent commands with held in place of interpolated values."""
         values = [
             0.5 * (values + np.concatenate([values[1:], values[-1:]])) if ramp else values
             for values, ramp in zip(self[:3], self.ramps, strict=True)
@@ -37,12 +37,12 @@ class Orders(NamedTuple):
     def table(
         self, robot: Robot, steps: int, power: tuple[float, float] = (1.0, 1.0)
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Commands as `Actuators` takes them, which counts in each physics step, and the power.
+        """Commands as in `Actuators`, their index at each physics step, and supply and switch.
 
         Args:
             robot: The robot.
             steps: Physics steps in a control period.
-            power: Supply and switch where the orders say nothing of them.
+            power: Supply and switch if the orders do not contain them.
         """
         swinging = self.swinging(robot)
         rows = [*self[:3], np.zeros(self.q.shape) if swinging is None else swinging]
@@ -51,7 +51,7 @@ class Orders(NamedTuple):
         return *ramped(targets, steps, self.ramps), np.array(given, dtype=float)
 
     def swinging(self, robot: Robot) -> np.ndarray | None:
-        """1 where the leg of a joint swings, (T, n); None where none ever does."""
+        """1 where the leg of a joint swings, (T, n); None if none ever does."""
         if self.stance.all():
             return None
         patterns, which = np.unique(self.stance, axis=0, return_inverse=True)
@@ -61,17 +61,17 @@ class Orders(NamedTuple):
 def ramped(
     targets: np.ndarray, steps: int, ramps: tuple[bool, bool, bool]
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Commands, and which of them in each physics step; one per step where any ramps.
+    """Commands, and their index at each physics step; one command per step with interpolation.
 
     Args:
-        targets: Commands as `Actuators` takes them, (T, COMMANDS, n).
+        targets: Commands as in `Actuators`, (T, COMMANDS, n).
         steps: Physics steps in a control period.
-        ramps: Whether positions, velocities and torques go straight between rows.
+        ramps: Whether positions, velocities and torques are interpolated between rows.
     """
     which = np.repeat(np.arange(len(targets)), steps)
     if not any(ramps):
         return targets, which
-    # The torque at the start of a step: then positions are right to second order (leapfrog).
+    # Values at the start of a step, for which positions are second-order accurate (leapfrog).
     share = np.tile(np.arange(steps) / steps, len(targets))
     after = np.minimum(which + 1, len(targets) - 1)
     fine = targets[which]

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Limits that the plant keeps whatever the controllers say.
+"""Safety limits that the plant enforces independently of the controllers.
 
-The limits are those of the URDF times a factor, so that a healthy run never meets them:
-its bytes are the same with and without. References are brought back to them; joints
-that move faster or take more power than they allow make the plant stop.
+The limits are those of the URDF times a factor, so that a normal run never reaches them and
+is bit-identical with and without them. References are clipped to the limits; a joint that
+exceeds the limits of speed or power stops the plant.
 """
 
 from __future__ import annotations
@@ -62,12 +62,12 @@ class Safety:
     """Limits of one robot.
 
     Args:
-        robot: Robot whose URDF has the limits; joints without any have none.
+        robot: Robot with the limits in its URDF; joints without limits are not limited.
         params: Margins beyond the limits.
         dt: Control period [s].
 
     Attributes:
-        limited: Number of commands that each kind of limit has changed.
+        limited: Number of commands changed, by kind of limit.
     """
 
     def __init__(self, robot: Robot, params: SafetyParams, dt: float):
@@ -77,7 +77,7 @@ class Safety:
         driven = np.zeros(len(robot.joints), dtype=bool)
         driven[robot.driven if len(robot.driven) else slice(None)] = True
         torque = [isinstance(robot.drives.get(j), TorqueDrive) for j in robot.joints]
-        free = ~driven | np.array(torque, dtype=bool)  # without a position reference
+        free = ~driven | np.array(torque, dtype=bool)  # joints without a position reference
         self._low = np.where(free, -np.inf, lower - params.position)
         self._high = np.where(free, np.inf, upper + params.position)
         self._speed = np.where(free, np.inf, params.velocity * speed)
@@ -93,20 +93,20 @@ class Safety:
         self.reset()
 
     def reset(self) -> None:
-        """Forget the command before, so that the next one may be anywhere."""
+        """Discard the previous command, so that the next one is not limited in rate."""
         self._past: tuple[np.ndarray, ...] | None = None
         self._beyond = 0
 
     def resume(self, state: RobotState) -> None:
-        """The next command is compared with what is measured, not with the one before."""
+        """Limit the rate of the next command relative to the measured state."""
         self._past, self._beyond = (state.q,) * 3, 0
 
     def limit(
         self, command: MotionCommand, trunk: TrunkTorque | None
     ) -> tuple[MotionCommand, TrunkTorque | None]:
-        """The command within the limits; the same objects if it was.
+        """The command clipped to the limits; the same objects if it was within them.
 
-        Values that are not finite are left as they are: the plant refuses them.
+        Values that are not finite are not changed: the plant refuses them.
 
         Args:
             command: Joint references.
@@ -138,7 +138,7 @@ class Safety:
         return clipped
 
     def trip(self, state: RobotState) -> str:
-        """Why the robot must stop now, "" if it need not; a reading that is no number counts."""
+        """Reason to stop the robot now, "" if there is none; NaN readings are a reason."""
         worst = _beyond(state.dq, state.tau, self._overspeed, self._power)
         self._beyond = self._beyond + 1 if worst >= 0 else 0
         if self._beyond < self._params.trip_ticks:
@@ -159,7 +159,7 @@ def _limits(robot: Robot) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         said = {} if limit is None else limit.attrib
         ranged = joint.get("type") != "continuous" and {"lower", "upper"} <= said.keys()
         low, high = (said["lower"], said["upper"]) if ranged else ("-inf", "inf")
-        speed = float(said.get("velocity", 0.0)) or np.inf  # 0 is how URDFs say nothing
+        speed = float(said.get("velocity", 0.0)) or np.inf  # 0 means no limit in a URDF
         found[joint.get("name")] = (float(low), float(high), speed)
     lower, upper, speed = np.array([found[name] for name in robot.joints], dtype=float).T
     return lower, upper, speed
@@ -177,7 +177,7 @@ def _within(q, dq, tau, before, low, high, speed, step, torque):  # noqa: PLR091
 
 @njit(cache=True)
 def _beyond(dq, tau, speed, power):
-    """First joint that moves too fast, takes too much power or has no number, -1 if none."""
+    """First joint that exceeds speed or power or has NaN readings; -1 if none."""
     for i in range(len(dq)):
         beyond = abs(dq[i]) > speed[i] or abs(dq[i] * tau[i]) > power[i]
         if beyond or not np.isfinite(dq[i] * tau[i]):

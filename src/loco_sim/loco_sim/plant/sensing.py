@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Readings of the robot's sensors and the ground truth, from the state of the world.
+"""Sensor readings and ground truth of a robot, computed from the state of the world.
 
-A state is one row of numbers, as compiled loops write it (`kernels.run`): positions, velocities and
-mean torques of n joints, m forces on feet, and the base.
+A state is one row of numbers in the format of `kernels.run`: positions, velocities and mean
+torques of n joints, m force components on feet, and the base.
 """
 
 from __future__ import annotations
@@ -17,30 +17,30 @@ from loco_control.types import GroundTruth, RobotState
 from ..geometry import roll_pitch, rotation_matrix
 from ..robot.robot import FallLimits
 
-BASE = 13  # numbers of the base: position, orientation x y z w, velocity, spin (world frame)
-FINE, FALLEN, BROKEN = range(3)  # verdicts: a robot that fell, a state that is not finite
+BASE = 13  # numbers of the base: position, quaternion, linear, angular velocity (world frame)
+FINE, FALLEN, BROKEN = range(3)  # verdicts: normal, fallen, state not finite
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
 def readings(rows, n, dt, gravity, threshold, limits):
-    """Exact readings of states, each a control period after the one before.
+    """Exact readings of consecutive states, one control period apart.
 
-    The accelerometer is at the base origin and tells the mean over the period, Rᵀ (dv/dt - g).
+    The accelerometer at the base origin measures the mean over the period of Rᵀ (dv/dt - g).
 
     Args:
-        rows: States, (T + 1, 3 n + m + BASE); the first is only the one before.
-        n: Joints.
+        rows: States, (T + 1, 3 n + m + BASE); the first is the initial state only.
+        n: Number of joints.
         dt: Control period [s].
-        gravity: Acceleration of gravity, in world [m/s²], three numbers.
+        gravity: Acceleration of gravity, world frame [m/s²], three numbers.
         threshold: Force above which a foot counts as in contact [N].
-        limits: Height [m], roll and pitch [rad] beyond which a robot counts as fallen.
+        limits: Height [m] below which, and roll and pitch [rad] above which, a robot has fallen.
 
     Returns:
         Signals in the order of `RobotState`, then of `GroundTruth`, (T, 3 n + m + 10 + BASE); feet
         that touch the ground, (T, m / 3) bool; and a verdict on each row, (T,).
     """
     count = len(rows) - 1
-    imu = rows.shape[1] - BASE  # in both: q, dq, tau, forces come before
+    imu = rows.shape[1] - BASE  # same offset in both: q, dq, tau, forces come first
     values = np.empty((count, imu + 10 + BASE))
     touches = np.empty((count, (imu - 3 * n) // 3), dtype=np.bool_)
     verdicts = np.zeros(count, dtype=np.int64)
@@ -84,7 +84,7 @@ def readings(rows, n, dt, gravity, threshold, limits):
 
 
 def robot_state(tick: int, t: float, values: np.ndarray, touches: np.ndarray) -> RobotState:
-    """`RobotState` of a row of `readings`; a view of it.
+    """`RobotState` of a row of `readings`, as views.
 
     Args:
         tick: Control periods since reset.
@@ -109,7 +109,7 @@ def robot_state(tick: int, t: float, values: np.ndarray, touches: np.ndarray) ->
 
 
 def ground_truth(tick: int, t: float, values: np.ndarray) -> GroundTruth:
-    """`GroundTruth` of a row of `readings`; a view of it."""
+    """`GroundTruth` of a row of `readings`, as views."""
     at = len(values) - BASE
     return GroundTruth(
         tick, t, values[at : at + 3], values[at + 3 : at + 7], values[at + 7 : at + 10],
@@ -118,11 +118,11 @@ def ground_truth(tick: int, t: float, values: np.ndarray) -> GroundTruth:
 
 
 def fall_reason(values: np.ndarray, limits: FallLimits) -> str | None:
-    """Why the robot counts as fallen, or None. Source: the author's hyq_ml, hyq/physics.py.
+    """Reason why the robot counts as fallen, or None. Source: the author's hyq_ml, hyq/physics.py.
 
     Args:
         values: Row of `readings`.
-        limits: Beyond these it is fallen.
+        limits: Limits of height, roll and pitch.
     """
     _, _, height, *orientation = values[len(values) - BASE :][:7].tolist()
     if height < limits.height:

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The plant: what stands where a robot's hardware driver would.
+"""The simulated plant, with the role of a robot's hardware driver.
 
-Every control period it takes a motion command and a trunk torque, holds them
-while physics and the joint impedance loop run at their faster rate, and gives
-back what the sensors measured:
+Every control period it receives a motion command and a trunk torque, holds them
+while physics and the joint impedance loop run at their faster rate, and returns
+the sensor readings:
 
     sim = Simulation(SimParams())
     state = sim.reset()
@@ -39,14 +39,14 @@ log = logging.getLogger(__name__)
 
 
 class Simulation:
-    """One robot, its drives, its sensors and the effects that an experiment lists.
+    """Simulation of one robot with drives, sensors and the effects of an experiment.
 
     Attributes:
         robot: The robot simulated.
         dt: Control period [s].
         physics_dt: Physics step, sub-steps included [s].
-        fallen: Why the robot counts as fallen, None while it does not; stays until reset.
-        rejected: Commands since reset that were not finite and so were not used.
+        fallen: Reason why the robot counts as fallen, else None; retained until reset.
+        rejected: Number of commands since reset that were refused because they were not finite.
     """
 
     def __init__(
@@ -58,7 +58,7 @@ class Simulation:
         robot: str | robots.Robot = "hyq",
         standing: np.ndarray | None = None,
     ):
-        """Build the world; nothing moves before `reset`.
+        """Prepare a simulation, which begins with `reset`.
 
         Args:
             params: Physics and sensors; default the robot's.
@@ -99,7 +99,7 @@ class Simulation:
             wrench=np.zeros(6),
             stance=np.ones(len(self.robot.feet), dtype=bool),
         )
-        # Why the loop cannot be the compiled one; empty if it can.
+        # Reason why the compiled loop cannot be used; "" if it can.
         self._why = self._world.damped and "damping is solved" or ordinary(self._effects)
         if self._why and params.engine == "mujoco":
             log.info("physics steps go through Python: %s", self._why)
@@ -107,11 +107,11 @@ class Simulation:
 
     @property
     def robot_description(self) -> str:
-        """URDF of the robot as it is simulated, payloads included."""
+        """URDF of the simulated robot, payloads included."""
         return self._world.description.text()
 
     def _refine(self) -> None:
-        """Choose how damping is made stable (`stability.plan`)."""
+        """Choose sub-steps or implicit damping (`stability.plan`)."""
         world = self._world
         world.rebuild(self._standing, self._functions("configure"), self.robot.height)
         hooks = *ON_TORQUES, "on_motor", "on_brake"
@@ -139,7 +139,7 @@ class Simulation:
         return np.array([self._world.description.damping(j) for j in self.robot.joints])
 
     def _rebuild(self) -> None:
-        """Build the world anew, as the effects want it."""
+        """Rebuild the world with the changes of the effects."""
         self._world.rebuild(self._standing, self._functions("configure"), self.robot.height)
         if self._world.damped:
             self._damped = DampedDrives(self._drive, self._own_damping())
@@ -148,17 +148,17 @@ class Simulation:
         return [getattr(e, hook) for e in self._effects if overrides(e, hook)]
 
     def reset(self, seed: int | None = None) -> RobotState:
-        """Build the world anew, the robot standing at rest, and measure at tick 0.
+        """Rebuild the world with the robot standing at rest, and measure at tick 0.
 
         Args:
-            seed: New seed of the effects; None keeps the one before.
+            seed: New seed of the effects; None for the previous one.
         """
         self._seed = self._seed if seed is None else seed
         self._rebuild()
         return self._begin(self._standing)
 
     def _begin(self, q: np.ndarray, dq: np.ndarray | None = None, tick: int = 0) -> RobotState:
-        """Effects, drives and sensors forget everything; measure."""
+        """Reset effects, drives and sensors, and measure."""
         for effect, rng in zip(self._effects, streams(self._effects, self._seed), strict=True):
             effect.reset(rng)
         self._on_measurement = windows(self._effects, "on_measurement", self.physics_dt)
@@ -189,15 +189,15 @@ class Simulation:
         rebuild: bool = True,
         tick: int = 0,
     ) -> RobotState:
-        """Start from another state than standing, and measure.
+        """Set an initial state, and measure.
 
         Args:
             q: Joint positions [rad], (n,).
             dq: Joint velocities [rad/s], (n,).
-            base: State of the base; None is that of a reset.
-            rebuild: Build the world anew. Without it the world keeps what it remembers of
-                contacts; a robot that touches nothing has the same future either way.
-            tick: Number of the first tick, by which effects come and go.
+            base: State of the base; None for that of a reset.
+            rebuild: Rebuild the world. Without it the world keeps its contact history, which
+                does not matter for a robot without contacts.
+            tick: Number of the first tick, which determines the time windows of effects.
         """
         if rebuild and not self._world.forget():
             self._rebuild()
@@ -207,11 +207,11 @@ class Simulation:
     # ---- one control period ------------------------------------------------------
 
     def step(self, command: MotionCommand, trunk: TrunkTorque | None = None) -> RobotState:
-        """Run one control period with the command held, then measure.
+        """Simulate one control period with the command held, then measure.
 
         Args:
             command: Joint references.
-            trunk: Feed-forward torque and the legs that use stance gains; None is no
+            trunk: Feed-forward torque and the legs that use stance gains; None for no
                 torque and all legs in stance.
 
         Raises:
@@ -228,17 +228,17 @@ class Simulation:
         return self._measure(rows)
 
     def follow(self, orders: Orders) -> Iterator[RobotState]:
-        """Run along commands that are known beforehand; yields the readings before each of them.
+        """Simulate a precomputed command sequence; yields the readings before each command.
 
-        As `step` by step, and in one compiled call where the loop is compiled: then readings,
-        `true_q`, `ground_truth` and `fallen` are those of the row, energies those of the end.
-        Whoever leaves before the end has to reset.
+        Equivalent to calls of `step`, but one compiled call if the loop is compiled: then
+        readings, `true_q`, `ground_truth` and `fallen` are those of the row, energies those of
+        the end. After leaving the iteration early, call `reset`.
 
         Args:
             orders: Commands, a row for each control period.
 
         Raises:
-            DivergedError: The state is no longer finite after the row that came last.
+            DivergedError: The state is no longer finite after the last yielded row.
         """
         loop = self._loop
         if isinstance(loop, Stepwise) or not all(np.isfinite(part).all() for part in orders[:3]):
@@ -260,11 +260,11 @@ class Simulation:
 
     @property
     def loop(self) -> Compiled | Stepwise:
-        """The loop of the physics steps, until the next reset."""
+        """The loop of the physics steps, valid until the next reset."""
         return self._loop
 
     def _stepped(self, orders: Orders) -> Iterator[RobotState]:
-        """As `follow`, by `step`."""
+        """As `follow`, by calls of `step`."""
         for k, (q, dq, tau) in enumerate(zip(*orders[:3], strict=True)):
             yield self._state
             if orders.power is not None:
@@ -275,16 +275,16 @@ class Simulation:
             )
 
     def power(self, supply: float = 1.0, on: float = 1.0) -> None:
-        """Change what feeds the drives, until the next reset.
+        """Set supply and switch of the drives until the next reset.
 
         Args:
-            supply: Voltage of the servos over the nominal one.
+            supply: Voltage of the servos / nominal voltage [-].
             on: 1, or 0 to switch all drives off.
         """
         self._drive.supply, self._drive.on = supply, on
 
     def limit(self, effort: np.ndarray) -> None:
-        """Change the largest torques of the drives [N·m], (n,); 0 lets a joint go."""
+        """Set the torque limits of the drives [N·m], (n,); 0 releases a joint."""
         self._drive.limit(effort)
 
     def _reject(self) -> None:
@@ -295,7 +295,7 @@ class Simulation:
         log.warning("command at t = %.3f s is not finite: the last good one is kept", t)
 
     def _readings(self, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray, list[int]]:
-        """As `sensing.readings`, of this robot."""
+        """Result of `sensing.readings` for this robot."""
         fall, params = self.robot.fall, self._params
         limits = fall.height, fall.roll, fall.pitch
         gravity, n = self._world.gravity, len(self.robot.joints)
@@ -305,7 +305,7 @@ class Simulation:
         return values, touches, verdicts.tolist()
 
     def _sense(self, values: np.ndarray, touches: np.ndarray, verdict: int) -> RobotState:
-        """Readings at the present tick, from exact ones; remembers them."""
+        """Sensor readings at the current tick, from exact readings; also stores them."""
         t = self._tick * self.dt
         if verdict == BROKEN:
             raise DivergedError(
@@ -324,32 +324,32 @@ class Simulation:
         return state
 
     def _measure(self, rows: np.ndarray) -> RobotState:
-        """Take over the second of two states as of `sensing.readings`, and read it."""
+        """Store the second of two states (rows of `sensing.readings`), and measure it."""
         self._row = rows[1]
         values, touches, verdicts = self._readings(rows)
         return self._sense(values[0], touches[0], verdicts[0])
 
-    # ---- beside the sensors ------------------------------------------------------
+    # ---- not measured by sensors---------------------------------------------------
 
     @property
     def true_q(self) -> np.ndarray:
-        """Joint positions [rad], (n,), whatever the sensors say."""
+        """True joint positions [rad], (n,), without sensor errors."""
         return self._row[: len(self.robot.joints)].copy()
 
     @property
     def true_dq(self) -> np.ndarray:
-        """Joint velocities [rad/s], (n,), whatever the sensors say."""
+        """True joint velocities [rad/s], (n,), without sensor errors."""
         n = len(self.robot.joints)
         return self._row[n : 2 * n].copy()
 
     def ground_truth(self) -> GroundTruth:
-        """Truth that only the simulator knows, at the current tick."""
+        """True state of the base at the current tick."""
         return ground_truth(self._tick, self._tick * self.dt, self._exact)
 
     def potential_energy(self) -> float:
         """Energy in gravity (0 at the world's origin), springs and gears [J].
 
-        What bent contacts hold is not in it.
+        Energy in compliant contacts is not included.
         """
         return self._world.energy()[0] + self._drive.energy(self.true_q)[0]
 
@@ -388,7 +388,7 @@ def periods(dt: float, rate: float) -> int:
 
 
 def ending(t: float, distance: float | None) -> str:
-    """Words for a run of t [s] over a distance [m], None for a bench, that came to its end."""
+    """Message at the end of a run of t [s] over a distance [m]; distance None for a bench."""
     if distance is None:
         return f"{t:.1f} s simulated"
     return f"{t:.1f} s simulated, {distance:.2f} m forward, no fall"

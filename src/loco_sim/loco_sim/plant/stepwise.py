@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Physics steps of a control period one by one in Python: any engine, any effect."""
+"""Simulation of control periods step by step in Python, for any engine and effect."""
 
 from __future__ import annotations
 
@@ -23,20 +23,20 @@ def seen(world: World, q: Sequence[float], dq: Sequence[float], forces: Sequence
         world: The world.
         q: Joint positions [rad], (n,).
         dq: Joint velocities [rad/s], (n,).
-        forces: Torques of the joints, then forces on the feet.
+        forces: Joint torques [N·m], then forces on the feet [N].
     """
     position, orientation, velocity, spin = world.base()
     return np.array([*q, *dq, *forces, *position, *orientation, *velocity, *spin])
 
 
 class Stepwise:
-    """The loop of one world, from a reset to the next; `compiled.Compiled` has the same face.
+    """Loop of one world, valid from a reset to the next; same interface as `compiled.Compiled`.
 
     Args:
-        world: World, just built.
+        world: Newly built world.
         drive: Drives and springs.
         effects: Effects, configured and reset.
-        damped: The drives where their damping is solved with the step, else None.
+        damped: The drives if their damping is implicit, else None.
         steps: Physics steps in a control period.
     """
 
@@ -60,7 +60,7 @@ class Stepwise:
         """States before and after a control period, rows of `sensing.readings`, (2, …).
 
         Args:
-            before: The first of them.
+            before: State before the period.
             first: Number of the first physics step.
 
         Raises:
@@ -86,7 +86,7 @@ class Stepwise:
         return np.array((before, seen(world, *self._joints, tau + grf)))
 
     def _damped_step(self, damped: DampedDrives) -> list[float]:
-        """One physics step with damping that is solved with it, and the torques that acted."""
+        """One physics step with implicit damping; the torques that acted [N·m], (n,)."""
         t = self._step * self._dt
         self._told(t)
         self._acted(t)
@@ -96,11 +96,11 @@ class Stepwise:
         return damped.given(tau, *acted)
 
     def _affected_torque(self, q: list[float], dq: list[float]) -> list[float]:
-        """Joint torques of this physics step with every effect that is on."""
+        """Joint torques of this physics step with all active effects [N·m], (n,)."""
         t = self._step * self._dt
         self._told(t)
         state = np.array(q), np.array(dq)
-        given: list[np.ndarray] = []  # torques of the drives
+        given: list[np.ndarray] = []  # drive torques after effects
 
         def changed(tau: np.ndarray) -> np.ndarray:
             given.append(self._passed(self._on_drive, tau, *state, t))
@@ -115,7 +115,7 @@ class Stepwise:
         return tau
 
     def _told(self, t: float) -> None:
-        """Give the drives the command as effects change it."""
+        """Pass the command to the drives, as changed by effects."""
         step, drive = self._step, self._drive
         if self._on_command:
             wanted = drive.q, drive.dq
@@ -125,13 +125,13 @@ class Stepwise:
             drive.follow(*wanted)
 
     def _acted(self, t: float) -> None:
-        """Let effects act on the world."""
+        """Run the hooks `on_step` of active effects."""
         for start, stop, act in self._on_step:
             if start <= self._step < stop:
                 act(self._world, t)
 
     def _motors(self, rows: np.ndarray, asked: np.ndarray, speed: np.ndarray) -> np.ndarray:
-        """The motors in this physics step, with every effect that is on."""
+        """Motor parameter rows in this physics step, with all active effects."""
         step, dt = self._step, self._dt
         for start, stop, change in self._on_motor:
             if start <= step < stop:
@@ -141,14 +141,14 @@ class Stepwise:
     def _passed(
         self, hooks: list, tau: np.ndarray, q: np.ndarray, dq: np.ndarray, t: float
     ) -> np.ndarray:
-        """Torques after the effects that change them."""
+        """Torques after the given hooks of active effects [N·m], (n,)."""
         for start, stop, change in hooks:
             if start <= self._step < stop:
                 tau = change(tau, q, dq, self._dt, t)
         return tau
 
     def _braked(self, tau: np.ndarray, q: np.ndarray, dq: np.ndarray, t: float) -> None:
-        """Brake the joints, given the torques of the drives."""
+        """Apply the friction of active effects, from the torques of the drives."""
         budget = np.zeros(len(tau))
         for start, stop, brake in self._on_brake:
             if start <= self._step < stop:

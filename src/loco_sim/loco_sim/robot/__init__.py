@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The description of a robot: URDF, drives, springs and sensors as `robot.yaml` lists them."""
+"""Description of a robot: URDF, and drives, springs and sensors from `robot.yaml`."""

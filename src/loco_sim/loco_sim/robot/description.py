@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A URDF that effects may edit before the world is built from it."""
+"""Editable URDF, from which the world is built."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def add_point_mass(
         com: Centre of mass [m], (3,).
         inertia: Inertia about `com` [kg·m²], (3, 3).
         extra: Mass to add [kg].
-        position: Position [m], (3,), in the frame of `com`.
+        position: Position of the added mass [m], (3,), in the frame of `com`.
     """
     total = mass + extra
     if extra == 0.0:
@@ -45,7 +45,7 @@ def add_point_mass(
 
 
 class Description:
-    """The parts of a URDF that physics depends on, readable and changeable by name."""
+    """Access by name to the parts of a URDF that affect physics, for reading and editing."""
 
     def __init__(self, urdf: str):
         """Parse a URDF.
@@ -60,19 +60,19 @@ class Description:
         return [link.get("name", "") for link in self._root.iter("link")]
 
     def elements(self, tag: str) -> list[ET.Element]:
-        """All links or joints of the robot, not to be changed."""
+        """All links or joints of the robot, read-only."""
         return self._root.findall(tag)
 
     def root_link(self) -> str:
-        """Name of the link that is nobody's child."""
+        """Name of the link without a parent."""
         children = {child.get("link") for child in self._root.iter("child")}
         return next(name for name in self.links() if name not in children)
 
     def below(self, link: str) -> list[str]:
-        """A link and all links that hang on it, itself first."""
+        """A link and all its descendants, itself first."""
         self._find("link", link)
         found = [link]
-        for name in found:  # grows while it is walked
+        for name in found:  # grows during the iteration
             for joint in self._root.findall("joint"):
                 if joint.find("parent").get("link") == name:
                     found.append(joint.find("child").get("link"))
@@ -83,13 +83,13 @@ class Description:
         self._find("link", link)
         joints = {j.find("child").get("link"): j for j in self._root.findall("joint")}
         found = []
-        while (joint := joints.pop(link, None)) is not None:  # a loop of joints ends it
+        while (joint := joints.pop(link, None)) is not None:  # terminates for a loop of joints, too
             found.append(joint.get("name", ""))
             link = joint.find("parent").get("link")
         return found
 
     def efforts(self) -> dict[str, float]:
-        """Torque limit [N·m] of each joint that moves; infinite where the URDF has none."""
+        """Torque limit [N·m] of each moving joint; infinite if the URDF has none."""
         limits = {}
         for joint in self._root.findall("joint"):
             if joint.get("type") in ("revolute", "continuous", "prismatic"):
@@ -104,7 +104,7 @@ class Description:
         return 0.0 if found is None else float(found.get("damping", 0.0))
 
     def joint_types(self) -> dict[str, str]:
-        """Type of each joint that moves."""
+        """Type of each moving joint."""
         moving = ("revolute", "continuous", "prismatic")
         joints = self._root.findall("joint")
         return {j.get("name", ""): j.get("type") for j in joints if j.get("type") in moving}
@@ -112,7 +112,7 @@ class Description:
     def mimics(self) -> dict[str, tuple[str, float, float]]:
         """Joint that each joint with a ``<mimic>`` follows, factor and offset [rad or m].
 
-        A joint that follows a follower follows its leader; rings of followers follow nobody.
+        Chains are resolved to the first leader; circular ``<mimic>`` references are ignored.
         """
         direct = {}
         for joint in self._root.findall("joint"):
@@ -133,24 +133,24 @@ class Description:
         return found
 
     def child(self, joint: str) -> str:
-        """Name of the link that a joint moves."""
+        """Name of the child link of a joint."""
         return self._find("joint", joint).find("child").get("link", "")
 
     def axis(self, joint: str) -> np.ndarray:
-        """Axis of a joint in the frame of the link that it moves, (3,)."""
+        """Axis of a joint in the frame of its child link, (3,)."""
         found = self._find("joint", joint).find("axis")
         return np.array(
             [float(v) for v in (found.get("xyz") if found is not None else "1 0 0").split()]
         )
 
     def split_root(self, x: float, axis: str) -> str:
-        """Cut the root link in two with a hinge; what hangs behind the cut goes with the rear.
+        """Split the root link in two with a hinge; joints behind the cut move to the rear link.
 
         Each half has half the mass and inertia about the same centre, so with a locked
-        hinge the robot is as it was.
+        hinge the robot is unchanged.
 
         Args:
-            x: Place in the frame of the root link [m].
+            x: Position of the cut in the frame of the root link [m].
             axis: Axis of the hinge: x, y or z.
 
         Returns:
@@ -194,26 +194,26 @@ class Description:
         element = self._find("joint", joint)
         limit = element.find("limit")
         unlimited = limit is None or not {"lower", "upper"} & set(limit.keys())
-        if unlimited or element.get("type") == "continuous":  # as the engine has it
+        if unlimited or element.get("type") == "continuous":  # as in the engine
             return -math.inf, math.inf
         return float(limit.get("lower", 0.0)), float(limit.get("upper", 0.0))
 
     def velocity(self, joint: str) -> float:
-        """Velocity limit of a joint [rad/s or m/s]; 0 where the URDF has none."""
+        """Velocity limit of a joint [rad/s or m/s]; 0 if the URDF has none."""
         limit = self._find("joint", joint).find("limit")
         return 0.0 if limit is None else float(limit.get("velocity", 0.0))
 
     def fastest(self) -> float:
-        """Joint velocity at which the engine clips [rad/s or m/s]: 100, or a faster joint's."""
+        """Velocity limit of the engine [rad/s or m/s]: 100, or the largest limit of a joint."""
         limits = [joint.find("limit") for joint in self._root.findall("joint")]
         speeds = [float(limit.get("velocity", 0.0)) for limit in limits if limit is not None]
         return max(100.0, *speeds, 0.0)
 
     def set_lower_limit(self, joint: str, lower: float) -> None:
-        """Move the lower stop of a joint [rad or m].
+        """Set the lower limit of a joint [rad or m].
 
         Raises:
-            ParameterError: The joint has no stops, or the upper one is below.
+            ParameterError: The joint has no limits, or the upper limit is below the value.
         """
         if not lower < self.limits(joint)[1] < math.inf:
             raise ParameterError(
@@ -223,7 +223,7 @@ class Description:
         self._find("joint", joint).find("limit").set("lower", repr(float(lower)))
 
     def balls(self, link: str) -> list[tuple[list[float], float]]:
-        """Centres [m], in the frame of the link, and radii [m] of the spheres that it touches with.
+        """Centres in the frame of the link [m], and radii [m], of a link's collision spheres.
 
         Raises:
             NameUnknownError: There is no such link.
@@ -236,11 +236,11 @@ class Description:
         ]
 
     def grow_ball(self, link: str, by: float) -> None:
-        """Make the ball at the end of a link larger in radius [m], or smaller.
+        """Increase the radius of the sphere at the end of a link by `by` [m], or reduce it.
 
         Raises:
             NameUnknownError: There is no such link.
-            ParameterError: The link has no ball, or nothing would be left of it.
+            ParameterError: The link has no sphere, or its radius would not be positive.
         """
         balls = self._find("link", link).findall("collision/geometry/sphere")
         if not balls:
@@ -255,7 +255,7 @@ class Description:
             ball.set("radius", repr(radius))
 
     def add_mass(self, link: str, mass: float, position: tuple[float, float, float]) -> None:
-        """Fix a point mass [kg] to a link, at a position in its frame [m].
+        """Add a point mass [kg] to a link, at a position in its frame [m].
 
         Raises:
             NameUnknownError: There is no such link.
@@ -273,11 +273,11 @@ class Description:
             tensor.set(key, repr(float(value)))
 
     def set_mass(self, link: str, mass: float) -> None:
-        """Give a link a mass [kg]; its inertia changes in proportion.
+        """Set the mass of a link [kg]; its inertia is scaled in proportion.
 
         Raises:
             NameUnknownError: There is no such link.
-            ParameterError: The link has no mass to begin with.
+            ParameterError: The link has no mass.
         """
         weight, tensor, _ = self._inertial(link)
         old = float(weight.get("value", 0.0))
@@ -299,18 +299,18 @@ class Description:
             tensor.set(key, repr(float(tensor.get(key, 0.0)) * float(factor)))
 
     def fixed_to(self, link: str) -> list[str]:
-        """A link and what is fixed to it without a joint that moves, from it outwards."""
+        """A link and the links connected to it by fixed joints, from it outwards."""
         self._find("link", link)
         fixed = [j for j in self._root.findall("joint") if j.get("type") == "fixed"]
         found = [link]
-        for name in found:  # grows while it is walked
+        for name in found:  # grows during the iteration
             found += [
                 j.find("child").get("link") for j in fixed if j.find("parent").get("link") == name
             ]
         return found
 
     def extent(self, link: str) -> float:
-        """Distance of the furthest joint on a link from its frame [m]; at least 0.01."""
+        """Largest distance of a joint on a link from the link's origin [m]; at least 0.01."""
         joints = [j for j in self._root.findall("joint") if j.find("parent").get("link") == link]
         places = [numbers(joint.find("origin"), "xyz", "0 0 0") for joint in joints]
         return max([0.01, *(float(np.linalg.norm(place)) for place in places)])
@@ -318,11 +318,11 @@ class Description:
     def add_armature(self, joint: str, inertia: float) -> None:
         """Add the inertia [kg·m²] of a rotor and gear about the axis of a joint.
 
-        Half of it counts about the other axes of the link, since no body can have less.
+        Half of it is added about the other axes of the link, the least that is physically possible.
 
         Raises:
             NameUnknownError: There is no such joint.
-            ParameterError: The link that it moves has no inertia.
+            ParameterError: The child link has no inertia.
         """
         axis = self.axis(joint) / np.linalg.norm(self.axis(joint))
         about = inertia * (0.5 * np.eye(3) + 0.5 * np.outer(axis, axis))
@@ -331,8 +331,8 @@ class Description:
     def add_inertia(self, link: str, added: tuple[float, float, float] | np.ndarray) -> None:
         """Add inertia [kg·m²] to a link: moments about its axes, (3,), or a tensor, (3, 3).
 
-        The engine drops a tensor that no body can have, one whose largest moment exceeds
-        the sum of the others; then the others are raised until it does not.
+        The engine ignores a physically impossible tensor, whose largest moment exceeds the sum
+        of the others; in that case the others are raised.
 
         Raises:
             NameUnknownError: There is no such link.
@@ -361,7 +361,7 @@ class Description:
         return inertia_matrix([float(tensor.get(key, 0.0)) for key in TENSOR])
 
     def shift_com(self, link: str, offset: tuple[float, float, float]) -> None:
-        """Move the centre of mass of a link [m]; the inertia about it stays.
+        """Move the centre of mass of a link [m]; the inertia about it is unchanged.
 
         Raises:
             NameUnknownError: There is no such link.
@@ -373,7 +373,7 @@ class Description:
         origin.set("xyz", " ".join(repr(v) for v in moved))
 
     def set_damping(self, joint: str, value: float) -> None:
-        """Give a joint a viscous damping [N·m·s/rad]."""
+        """Set the viscous damping of a joint [N·m·s/rad]."""
         element = self._find("joint", joint)
         dynamics = element.find("dynamics")
         if dynamics is None:
@@ -396,12 +396,12 @@ class Description:
         return inertial.find("mass"), tensor, origin
 
     def text(self, folder: Path | None = None, drawn: bool = True) -> str:
-        """The URDF; with `folder` as the engine needs it, and without pictures unless `drawn`.
+        """Text of the URDF; with `folder` for the engine, and without visual shapes unless `drawn`.
 
-        Mesh files are then found from that folder. Links without mass have no inertia either,
-        where the engine would give them 1 kg, or a tensor alone. PyBullet's own ``<contact>``
-        elements go: contacts come from ``robot.yaml``, and the friction anchors among them
-        hold feet back.
+        Mesh files are then relative to that folder. Links without mass get an inertia of zero,
+        for which the engine would otherwise assume 1 kg. PyBullet's own ``<contact>`` elements
+        are removed: contacts are defined in ``robot.yaml``, and friction anchors would hold
+        feet back.
         """
         root = copy.deepcopy(self._root)
         for link in root.findall("link") if folder else ():

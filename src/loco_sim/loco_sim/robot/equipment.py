@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Equipment that ``robot.yaml`` adds to the bare URDF: drives, springs, contacts, masses, sensors.
+"""Sections of ``robot.yaml`` that extend the URDF: drives, springs, contacts, masses, sensors.
 
-Sections name joints and links, or fnmatch patterns of them; a later entry adds to
-and wins over an earlier one. `override` changes single values by dotted name.
+Sections name joints and links, or fnmatch patterns of them; later entries extend and
+override earlier ones. `override` changes single values by dotted name.
 """
 
 from __future__ import annotations
@@ -26,12 +26,12 @@ BY_JOINT, BY_LINK = ("drives", "springs", "dynamics"), ("contacts", "masses", "b
 NESTED = ("sensors", "sim", "fall")
 UNCERTAIN = "uncertain"
 SCALARS = ("control_rate", "height", "fixed_base")
-GRAVITY = 9.81  # [m/s²], where no `sim.gravity` is at hand: weights, load of a standing foot
+GRAVITY = 9.81  # [m/s²], for weights and foot loads where `sim.gravity` is not available
 
 
 @dataclass(frozen=True)
 class DynamicsParams(Params):
-    """Properties of one joint besides drive and spring, in place of the URDF's."""
+    """Properties of one joint apart from drive and spring, which override the URDF."""
 
     damping: float = parameter(
         -1.0, "viscous damping; below 0 is that of the URDF", "N·m·s/rad", low=-1.0, high=1e4
@@ -43,7 +43,7 @@ class DynamicsParams(Params):
 
 @dataclass(frozen=True)
 class BodyParams(Params):
-    """A link with what is fixed to it, against what the URDF says; its own centre is shifted."""
+    """Corrections to a link, with the links fixed to it; its own centre of mass is shifted."""
 
     mass: float = parameter(1.0, "times the URDF's, inertia with it", "-", low=1e-3, high=1e3)
     inertia: float = parameter(
@@ -58,9 +58,9 @@ class BodyParams(Params):
 class ContactParams(Params):
     """Contact of one link with the ground.
 
-    `depth` is how far the link sinks in when it carries its share of the robot at
-    rest, weight / feet; the stiffness follows. The damping makes that share critically
-    damped, which is more than enough for the lighter leg that lands first.
+    `depth` is the penetration of the link when it carries its share of the robot at
+    rest, weight / feet, and defines the stiffness. The damping is critical for that share,
+    which is more than sufficient for the lighter leg that lands first.
     """
 
     friction: float = parameter(1.0, "Coulomb friction with the ground", low=0.0, high=1e6)
@@ -69,7 +69,7 @@ class ContactParams(Params):
     )
 
     def softness(self, mass: float) -> tuple[float, float]:
-        """Stiffness [N/m] and damping [N·s/m] for the mass that the link carries [kg]."""
+        """Stiffness [N/m] and damping [N·s/m] for the mass carried by the link [kg]."""
         if self.depth == 0.0:
             return 0.0, 0.0
         stiffness = mass * GRAVITY / self.depth
@@ -79,10 +79,10 @@ class ContactParams(Params):
 def expanded(
     values: Mapping[str, Any], joints: Iterable[str], links: Iterable[str], path: Path
 ) -> dict[str, Any]:
-    """Contents of a ``robot.yaml`` with an entry per joint or link in place of patterns.
+    """Contents of a ``robot.yaml`` with patterns expanded to an entry per joint or link.
 
     Raises:
-        NameUnknownError: A pattern names no joint or link.
+        NameUnknownError: A pattern matches no joint or link.
         ParameterError: A section or an entry is not a mapping.
     """
     full = dict(values)
@@ -109,12 +109,12 @@ def override(values: dict[str, Any], changes: Mapping[str, Any], links: Iterable
     ``springs.l?_kfe_joint.stiffness``, ``masses.front_body``, ``sim.physics_rate``.
 
     Args:
-        values: Changed in place.
+        values: Expanded contents, changed in place.
         changes: New values by dotted name; patterns for joints and links are allowed.
         links: Links of the robot.
 
     Raises:
-        NameUnknownError: A name leads nowhere.
+        NameUnknownError: A name does not exist.
     """
     for dotted, value in changes.items():
         section, *rest = str(dotted).split(".")
@@ -138,7 +138,7 @@ def override(values: dict[str, Any], changes: Mapping[str, Any], links: Iterable
 
 
 def drives(section: Mapping[str, dict]) -> dict[str, DriveParams]:
-    """Drive of each joint that has one, by its `kind`."""
+    """Drive parameters of each joint that has a drive, of the class for its `kind`."""
     made = {}
     for joint, entry in section.items():
         kind = entry.get("kind")
@@ -155,7 +155,7 @@ def parts(section: Mapping[str, dict], kind: type[Params], where: str) -> dict[s
 
 
 def set_dynamics(description: Description, dynamics: Mapping[str, DynamicsParams]) -> None:
-    """Give joints their damping and armature."""
+    """Set damping and armature of joints."""
     for joint, params in dynamics.items():
         if params.damping >= 0.0:
             description.set_damping(joint, params.damping)
@@ -164,10 +164,10 @@ def set_dynamics(description: Description, dynamics: Mapping[str, DynamicsParams
 
 
 def set_masses(description: Description, masses: Mapping[str, Any]) -> None:
-    """Give links a mass; a link is weighed with everything that hangs on it.
+    """Set masses of links, each including all its descendants.
 
     Raises:
-        ParameterError: A mass is not a positive number, or less than what hangs on the link.
+        ParameterError: A mass is not a positive number, or smaller than that of the descendants.
     """
     for link in sorted(masses, key=lambda name: len(description.below(name))):
         mass, rest = masses[link], description.below(link)[1:]
@@ -183,7 +183,7 @@ def set_masses(description: Description, masses: Mapping[str, Any]) -> None:
 
 
 def set_bodies(description: Description, bodies: Mapping[str, BodyParams]) -> None:
-    """Change mass, inertia and centre of links with what is fixed to them.
+    """Change mass, inertia and centre of mass of links, including the links fixed to them.
 
     Raises:
         ParameterError: A link has no mass.
@@ -197,15 +197,15 @@ def set_bodies(description: Description, bodies: Mapping[str, BodyParams]) -> No
 
 
 def uncertain(values: Mapping[str, Any], bodies: Iterable[str], path: Path) -> dict[str, float]:
-    """Standard deviation of each value that the robot's maker does not know well, by dotted name.
+    """Standard deviation of each uncertain value of a robot, by dotted name.
 
     Args:
         values: An `expanded` robot.
-        bodies: Links that joints move.
+        bodies: Links moved by joints.
         path: File, for messages.
 
     Raises:
-        NameUnknownError: A pattern names nothing.
+        NameUnknownError: A pattern matches nothing.
         ParameterError: A deviation is not a number above 0.
     """
     known: dict[str, list[str]] = {
@@ -230,7 +230,7 @@ def uncertain(values: Mapping[str, Any], bodies: Iterable[str], path: Path) -> d
             )
         for name in matches(dotted, str(pattern), f"value for {UNCERTAIN} in {path}"):
             whole = abs(_value(values, name)) / 100.0 if part else 1.0
-            if whole > 0.0:  # a share of nothing is nothing
+            if whole > 0.0:  # a relative deviation of zero is zero
                 found[name] = number * whole
     return found
 
@@ -248,7 +248,7 @@ def _value(values: Mapping[str, Any], dotted: str) -> float:
 
 
 def _numbers(section: str, entry: Mapping[str, Any]) -> list[str]:
-    """Numbers of a drive or spring that may be uncertain."""
+    """Names of the numeric values of a drive or spring that may be uncertain."""
     kind = DRIVES.get(entry.get("kind")) if section == "drives" else SpringParams
     return [k for k, f in getattr(kind, "__dataclass_fields__", {}).items() if f.type == "float"]
 

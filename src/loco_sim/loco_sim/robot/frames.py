@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Places of the links and feet of any robot, from its URDF and joint angles."""
+"""Forward kinematics: poses of the links and feet of any robot, from its URDF and joint angles."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def link_frames(robot: Any, q: np.ndarray, links: Sequence[str] = ()) -> dict[st
     Args:
         robot: Robot with `urdf` and `joints`.
         q: Joint positions [rad, m], (T, n).
-        links: Names of the links; all of the robot if there are none.
+        links: Names of the links; all links if empty.
     """
     parent, all_links = _tree(robot.urdf)
     columns = {name: q[:, i] for i, name in enumerate(robot.joints)}
@@ -42,9 +42,9 @@ def link_frames(robot: Any, q: np.ndarray, links: Sequence[str] = ()) -> dict[st
     return known
 
 
-@functools.lru_cache(maxsize=8)  # a picture asks for the same robot once per frame
+@functools.lru_cache(maxsize=8)  # called for the same robot once per frame of an animation
 def _tree(urdf: str) -> tuple[dict[str, ElementTree.Element], list[str]]:
-    """Joint above each link, and the names of all links; not to be changed."""
+    """Joint above each link, and the names of all links; read-only."""
     root = ElementTree.fromstring(urdf)
     parent = {joint.find("child").get("link"): joint for joint in root.findall("joint")}
     return parent, [element.get("name") for element in root.findall("link")]
@@ -71,7 +71,7 @@ def zero_frames(description: Any) -> dict[str, Frames]:
 
 
 def _frame(link: str, parent: dict, columns: dict, ticks: int, known: dict[str, Frames]) -> Frames:
-    """Frame of a link: that of its parent, moved by the joint between them."""
+    """Frame of a link, from that of its parent and the joint between them."""
     if link in known:
         return known[link]
     if link not in parent:
@@ -112,13 +112,13 @@ def fixed_axes(rpy: np.ndarray) -> np.ndarray:
 
 
 def numbers(element: ElementTree.Element | None, key: str, default: str) -> np.ndarray:
-    """Numbers in an attribute of an element, or those of `default` where there is none."""
+    """Numbers in an attribute of an element, or those of `default` if it is missing."""
     text = default if element is None else element.get(key, default)
     return np.array([float(v) for v in text.split()])
 
 
 def set_pose(origin: ElementTree.Element, offset: np.ndarray, turn: np.ndarray) -> None:
-    """Write a place [m], (3,), and a rotation, (3, 3), into an origin of a URDF."""
+    """Write a position [m], (3,), and a rotation, (3, 3), into an origin of a URDF."""
     pitch = math.asin(max(-1.0, min(1.0, -turn[2, 0])))
     if abs(turn[2, 0]) < 1.0 - 1e-12:
         roll, yaw = math.atan2(turn[2, 1], turn[2, 2]), math.atan2(turn[1, 0], turn[0, 0])

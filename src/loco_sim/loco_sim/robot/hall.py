@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Hall sensors at joints: a magnet's field, read by an analog-digital converter.
+"""Hall sensors at joints: counts of an analog-digital converter as a function of the angle.
 
-The field falls with the cube of the distance, so a sensor is fine where the magnet is
-near (0.01 degrees per count on Tigrillo) and coarse where it is far (1 degree). A table
-of angles and counts per joint, interpolated monotonically (PCHIP), stands for it; the
-cubic of the author's code overshoots beyond the last measured point.
+The magnet's field falls with the cube of the distance, so the resolution is high near the
+magnet (0.01 degrees per count on Tigrillo) and low far from it (1 degree). The sensor is modelled
+by a table of angles and counts per joint, interpolated monotonically (PCHIP); the cubic of the
+author's code overshoots beyond the last measured point.
 """
 
 from __future__ import annotations
@@ -17,40 +17,40 @@ import numpy as np
 from loco_control.exceptions import MissingFileError, NameUnknownError, ParameterError
 from loco_control.reading import parse_csv, read_text
 
-GRID = 4001  # points at which a table is worked out
+GRID = 4001  # number of points at which the interpolation is tabulated
 HEADER = ["joint", "angle_deg", "counts"]
 
 
 class HallSensor:
-    """Counts of one joint's converter as a function of the angle, and back."""
+    """Characteristic of one joint's Hall sensor, from angle to counts and back."""
 
     def __init__(self, angles: np.ndarray, counts: np.ndarray, bits: int = 12):
         """Interpolate a table.
 
         Args:
-            angles: Joint positions [rad], (k,), rising.
-            counts: Counts of the converter there, (k,), rising.
+            angles: Joint positions [rad], (k,), increasing.
+            counts: Counts of the converter at these positions, (k,), increasing.
             bits: Resolution of the converter.
 
         Raises:
-            ParameterError: Fewer than two points, or values that do not rise.
+            ParameterError: Fewer than two points, or values that do not increase.
         """
         rises = len(angles) > 1 and np.all(np.diff(angles) > 0.0) and np.all(np.diff(counts) > 0.0)
         if not rises:
             raise ParameterError("a Hall table needs two points or more, both columns rising")
         self.top = 2**bits - 1
         grid = np.linspace(angles[0], angles[-1], GRID)
-        from scipy.interpolate import PchipInterpolator  # a fifth of a second, few robots need it
+        from scipy.interpolate import PchipInterpolator  # takes 0.2 s to import, few robots need it
 
         fine = PchipInterpolator(angles, counts)(grid)
         self._first, self._last = float(grid[0]), float(grid[-1])
         self._per = (GRID - 1) / float(grid[-1] - grid[0])
-        # Lists: looking up one number in an array costs several times as much.
+        # Lists, since looking up one number in an array takes several times as long.
         self._counts = fine.tolist()
         self._angle_of = np.interp(np.arange(self.top + 1.0), fine, grid).tolist()
 
     def counts(self, angle: float, noise: float = 0.0) -> int:
-        """Reading of the converter at an angle [rad], with noise in counts."""
+        """Reading of the converter at an angle [rad], with additive noise [counts]."""
         at = min(max((angle - self._first) * self._per, 0.0), GRID - 1.0)
         i = min(int(at), GRID - 2)
         below = self._counts[i]
@@ -58,13 +58,13 @@ class HallSensor:
         return min(max(round(exact + noise), 0), self.top)
 
     def reached(self, angle: float | np.ndarray) -> float | np.ndarray:
-        """The angle itself, or the end of the table that it is beyond [rad]."""
-        if isinstance(angle, float):  # many times faster than an array of one
+        """The angle clipped to the range of the table [rad]."""
+        if isinstance(angle, float):  # many times faster than an array with one element
             return min(max(angle, self._first), self._last)
         return np.clip(angle, self._first, self._last)
 
     def angle(self, counts: int) -> float:
-        """Angle that the robot takes from a reading [rad]."""
+        """Angle computed from a reading [rad]."""
         return self._angle_of[counts]
 
 
@@ -73,7 +73,7 @@ def read_table(path: Path, bits: int = 12) -> dict[str, HallSensor]:
 
     Raises:
         MissingFileError: There is no such file.
-        ParameterError: It is not such a table.
+        ParameterError: The file is not such a table.
     """
     try:
         return dict(_parsed(path, bits, path.stat().st_mtime_ns))
@@ -83,7 +83,7 @@ def read_table(path: Path, bits: int = 12) -> dict[str, HallSensor]:
 
 @lru_cache(maxsize=16)
 def _parsed(path: Path, bits: int, written: int) -> dict[str, HallSensor]:
-    """As `read_table`, for a file as it was written at a time [ns]."""
+    """As `read_table`, cached by the modification time `written` [ns]."""
     text = read_text(path, "Hall table").splitlines()
     rows = parse_csv((line for line in text if not line.startswith("#")), path)
     if not rows or rows[0] != HEADER:
@@ -106,10 +106,10 @@ def _parsed(path: Path, bits: int, written: int) -> dict[str, HallSensor]:
 
 
 def check_joints(path: Path, sensors: dict[str, HallSensor], joints: tuple[str, ...]) -> None:
-    """Raise when a table has a joint that the robot lacks.
+    """Refuse a table with a joint that the robot lacks.
 
     Raises:
-        NameUnknownError: A sensor is of a joint that the robot lacks.
+        NameUnknownError: A sensor belongs to a joint that the robot lacks.
     """
     for joint in sensors:
         if joint not in joints:

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The legs of a quadruped, read from its URDF: which joints they are and how long.
+"""Leg geometry of a quadruped, read from its URDF.
 
 ``legs:`` of ``robot.yaml`` names for each of lf rf lh rh the joints `haa`, `hfe`, `kfe` and
-the link `foot`. All else (hips, lengths, signs, angles of the URDF's zero pose) follows from
-the URDF's own kinematics there, and becomes an array for `loco_control.legs.kinematics`.
+the link `foot`. The geometry (hips, lengths, signs, angles of the URDF's zero pose) is computed
+from the URDF's kinematics, as an array for `loco_control.legs.kinematics`.
 """
 
 from __future__ import annotations
@@ -38,11 +38,11 @@ from ..geometry import added
 from .description import Description
 from .frames import zero_frames
 
-TILT = 0.02  # largest angle between a joint and its axis of the base [rad]: drawing errors pass
-SHORTEST = 0.01  # length of thigh and shank at least [m]
-STRAIGHTEST = 0.1  # the knee is never commanded straighter than this [rad]
-MOST_BENT = 2.9  # nor more bent, where the URDF has no limit [rad]
-DIGITS = 12  # lengths and angles are rounded to these, which undoes rounding in the URDF
+TILT = 0.02  # largest angle between a joint axis and its base axis [rad]: allows for drawing errors
+SHORTEST = 0.01  # smallest length of thigh and shank [m]
+STRAIGHTEST = 0.1  # smallest commanded knee angle, 0 is straight [rad]
+MOST_BENT = 2.9  # largest commanded knee angle without a limit in the URDF [rad]
+DIGITS = 12  # decimal digits of lengths and angles, which removes rounding errors
 KEYS = (*JOINT_KINDS, "foot")
 
 
@@ -97,11 +97,11 @@ def geometry(
         description: The URDF.
         joints: Names of the leg joints in the order of `names`, (12,).
         feet: Names of the feet in the order of `names`, (4,).
-        standing: Joint positions of the robot standing [rad], (12,): says which way a knee
-            bends that the URDF lets bend both ways. None is backwards, as on most robots.
+        standing: Joint positions of the robot standing [rad], (12,): bending direction of knees
+            that the URDF lets bend both ways. None for backwards, as on most robots.
 
     Raises:
-        ParameterError: A leg is not one of HAA about x, HFE and KFE about y.
+        ParameterError: A leg does not have HAA about x, and HFE and KFE about y.
     """
     frames = zero_frames(description)
     legs = np.zeros((4, len(COLUMNS)))
@@ -147,7 +147,7 @@ def _row(leg: str, left: float, signs: list, points: tuple, ranges: list) -> np.
     least, most = sorted((row[KNEE] * low, row[KNEE] * high))
     row[BENT] = math.cos(min(most, MOST_BENT))
     row[STRAIGHT] = math.cos(max(least, STRAIGHTEST))
-    return np.round(row, DIGITS) + 0.0  # no negative zeros
+    return np.round(row, DIGITS) + 0.0  # turns -0.0 into 0.0
 
 
 def _axis(description: Description, frames: Mapping, joint: str) -> tuple[np.ndarray, np.ndarray]:
@@ -158,10 +158,10 @@ def _axis(description: Description, frames: Mapping, joint: str) -> tuple[np.nda
 
 
 def _along(leg: str, joint: str, axis: np.ndarray, wanted: int) -> float:
-    """+1 or -1: the joint turns about + or - x (0) or y (1) of the base.
+    """Sign of a joint's axis along x (0) or y (1) of the base, +1 or -1.
 
     Raises:
-        ParameterError: The joint turns about neither axis.
+        ParameterError: The axis of the joint is not parallel to that axis.
     """
     if abs(axis[wanted]) < math.cos(TILT):
         raise ParameterError(
@@ -173,7 +173,7 @@ def _along(leg: str, joint: str, axis: np.ndarray, wanted: int) -> float:
 
 
 def _foot(description: Description, frames: Mapping, link: str) -> np.ndarray:
-    """Centre of a foot in the base frame [m], (3,): of its sphere if it has one."""
+    """Centre of a foot in the base frame [m], (3,): that of its sphere if it has one."""
     rotation, origin = frames[link]
     balls = description.balls(link)
     if len(balls) == 1:
@@ -194,7 +194,7 @@ def _check_chain(description: Description, leg: str, joints: tuple, foot: str) -
 def _angles(
     description: Description, joint: str, standing: float, known: bool
 ) -> tuple[float, float, float]:
-    """A usual angle of a joint, and its smallest and largest [rad]."""
+    """Standing or central angle of a joint, and its smallest and largest angle [rad]."""
     low, high = description.limits(joint)
     if known:
         return standing, low, high
@@ -202,7 +202,7 @@ def _angles(
 
 
 def _check_places(legs: np.ndarray) -> None:
-    """Front legs must be in front and left ones on the left."""
+    """Check that front legs are in front and left legs on the left."""
     for i, leg in enumerate(LEGS):
         other = LEGS[(i + 2) % 4]
         if FRONT[i] * (legs[i, HIP_X] - legs[(i + 2) % 4, HIP_X]) <= 0.0:
@@ -219,6 +219,6 @@ def _check_places(legs: np.ndarray) -> None:
 
 
 def swung_mass(description: Description, joints: tuple[str, ...]) -> float:
-    """Mass of all that hangs on the HAA joints [kg]: what the drives swing."""
+    """Mass of all links behind the HAA joints [kg], the mass swung by the drives."""
     legs = (description.below(description.child(joint)) for joint in joints[:: len(JOINT_KINDS)])
     return added(description.mass_of(link) for links in legs for link in links)

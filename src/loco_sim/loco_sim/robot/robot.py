@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A robot as the plant sees it: a URDF and the ``robot.yaml`` beside it.
+"""Robots, each defined by a URDF and a ``robot.yaml``.
 
-Everything that differs between robots is in these two files; ``world`` and
-``simulation.py`` know neither the number of joints nor that feet come in fours.
+All differences between robots are in these two files; ``world`` and ``simulation.py`` make no
+assumption on the number of joints and feet.
 """
 
 from __future__ import annotations
@@ -39,51 +39,51 @@ ASSETS = Path(__file__).parent.parent / "assets"
 
 @dataclass(frozen=True)
 class FallLimits(Params):
-    """Beyond these a robot counts as fallen. The defaults never do."""
+    """Limits beyond which a robot counts as fallen; by default never."""
 
     height: float = parameter(-1e9, "base origin lower than this", "m")
     roll: float = parameter(10.0, "|roll| larger than this", "rad", low=0.0)
     pitch: float = parameter(10.0, "|pitch| larger than this", "rad", low=0.0)
 
 
-# A quadruped whose robot.yaml says nothing falls as HyQ does (the author's hyq_ml), at its size.
+# Default fall limits of a quadruped: those of HyQ (the author's hyq_ml), scaled to its size.
 LEGGED_FALL = FallLimits(height=0.35, roll=0.8, pitch=0.8)
-HYQ_LEGS = 25.796  # mass of HyQ's legs [kg], by which gains of drives are scaled
+HYQ_LEGS = 25.796  # mass of HyQ's legs [kg], reference for scaling drive gains
 
 
 @dataclass(frozen=True)
 class Robot:
-    """A robot as its ``robot.yaml`` describes it, checked against the URDF.
+    """A robot from its ``robot.yaml``, validated against the URDF.
 
     Attributes:
         name: Name of the folder.
         urdf: Text of the URDF.
-        folder: Folder of the URDF, from which paths of meshes start.
+        folder: Folder of the URDF, for relative paths of meshes.
         joints: Actuated joints, in the order of every (n,) array.
-        feet: Links whose ground reaction force is sensed, in the order of (m, 3) arrays.
-        standing: Joint positions at the start [rad], (n,).
+        feet: Links with measured ground reaction force, in the order of (m, 3) arrays.
+        standing: Initial joint positions [rad], (n,).
         effort: Torque limit of each joint [N·m], (n,), from the URDF.
-        fixed_base: The base is bolted to the world.
-        height: Height of the base at the start [m]; None puts the lowest foot on the ground.
+        fixed_base: Whether the base is fixed to the world.
+        height: Initial height of the base [m]; None to put the lowest foot on the ground.
         fall: Limits of height and tilt beyond which the robot counts as fallen.
-        driven: Indices in `joints` of those with a drive, (m,); the others are passive.
-        control_rate: Rate at which the robot is usually commanded [Hz].
-        sim: Physics that suits the robot.
-        drives: Drive of each joint that has one.
-        springs: Spring and damper of each joint that has them.
-        friction: Friction of single links; others have the world's.
-        contact: Contact stiffness [N/m] and damping [N·s/m] of single links.
-        sensors: Sensors, None if they tell the truth.
-        hall: Hall sensor of each joint that has one.
-        legs: Geometry of the legs of a quadruped that lists them, (4, 16), columns named by
-            `legs.geometry.COLUMNS`; None on other robots.
-        uncertain: Standard deviation of values that are not known well, by dotted name, each in
-            the unit of the value.
-        followers: Leader, factor and offset [rad or m] of each joint that the URDF couples to
-            another one (``<mimic>``), by name.
+        driven: Indices of the joints with a drive, (m,); the others are passive.
+        control_rate: Default rate of commands [Hz].
+        sim: Default physics parameters of the robot.
+        drives: Drives by joint.
+        springs: Springs and dampers by joint.
+        friction: Friction coefficients by link; other links have the world's.
+        contact: Contact stiffness [N/m] and damping [N·s/m] by link.
+        sensors: Sensors, None for exact measurements.
+        hall: Hall sensors by joint.
+        legs: Leg geometry of a quadruped with a section `legs`, (4, 16), columns named by
+            `legs.geometry.COLUMNS`; None for other robots.
+        uncertain: Standard deviation of uncertain values, by dotted name, in the unit of each
+            value.
+        followers: Leader, factor and offset [rad or m] of each joint that follows another one
+            (``<mimic>``), by name.
         mass: Mass of all links [kg].
-        foot_of: Index in `feet` of the foot that each joint moves, (n,); -1 for a joint that
-            moves none, or several.
+        foot_of: Index in `feet` of the foot moved by each joint, (n,); -1 for a joint that
+            moves none or several.
     """
 
     name: str
@@ -113,7 +113,7 @@ class Robot:
 
     @property
     def equipped(self) -> bool:
-        """Drives or springs are in ``robot.yaml``."""
+        """Whether ``robot.yaml`` has drives or springs."""
         return bool(self.drives or self.springs)
 
     @property
@@ -123,11 +123,11 @@ class Robot:
         return np.array([sum(getattr(part, "damping", 0.0) for part in pair) for pair in parts])
 
     def coupled(self, q: np.ndarray, dq: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Positions and velocities wanted, those of followers made from their leaders'.
+        """Desired positions and velocities, with those of followers computed from their leaders.
 
         Args:
-            q: Positions wanted [rad or m], (..., n).
-            dq: Velocities wanted, (..., n).
+            q: Desired positions [rad or m], (..., n).
+            dq: Desired velocities [rad/s or m/s], (..., n).
         """
         if not self.followers:
             return q, dq
@@ -141,10 +141,10 @@ class Robot:
         """1.0 for each joint whose leg swings, 0.0 for all others, (n,).
 
         Args:
-            stance: Feet that stand, (m,) bool.
+            stance: Feet in stance, (m,) bool.
 
         Raises:
-            ParameterError: `stance` has not one flag per foot.
+            ParameterError: The number of flags in `stance` differs from that of feet.
         """
         if len(stance) != len(self.feet):
             raise ParameterError(
@@ -155,12 +155,12 @@ class Robot:
 
 
 def names() -> list[str]:
-    """Robots that come with the package."""
+    """Names of the robots included in the package."""
     return sorted(p.parent.name for p in ASSETS.glob("*/robot.yaml"))
 
 
 def is_name(name_or_path: str) -> bool:
-    """Whether a text is a robot's name rather than the path of one."""
+    """Whether a text is the name of a robot, not a path."""
     path = Path(name_or_path)
     return path.parent == Path(".") and not path.suffix and name_or_path not in ("", ".", "..")
 
@@ -175,10 +175,10 @@ def load(name_or_path: str | Path, overrides: Mapping[str, Any] | None = None) -
             (`equipment.override`).
 
     Raises:
-        NameUnknownError: No such robot comes with the package, or the file or an override
-            names what is not there.
+        NameUnknownError: There is no such robot in the package, or the file or an override has
+            an unknown name.
         MissingFileError: The path, or the URDF it names, does not exist.
-        ParameterError: The file is not what it should be, or does not fit the URDF.
+        ParameterError: The file is invalid or does not match the URDF.
     """
     path = _path(name_or_path)
     values = _read(path)
@@ -217,7 +217,7 @@ def load(name_or_path: str | Path, overrides: Mapping[str, Any] | None = None) -
 def _followers(
     description: Description, joints: tuple[str, ...]
 ) -> dict[str, tuple[str, float, float]]:
-    """Joints of the robot that follow another one of it."""
+    """Leader, factor and offset of each joint that follows another joint of the robot."""
     try:
         found = description.mimics()
     except ValueError as error:
@@ -226,7 +226,7 @@ def _followers(
 
 
 def _text(urdf: Path) -> str:
-    """Text of a URDF, without what stands around it in some files and no parser takes."""
+    """Text of a URDF, without bytes around it that XML parsers refuse."""
     return (
         read_bytes(urdf, "URDF", urdf_check.MOST)
         .decode(errors="replace")
@@ -235,7 +235,7 @@ def _text(urdf: Path) -> str:
     )
 
 
-@lru_cache(maxsize=64)  # a robot is loaded many times, and its meshes are read
+@lru_cache(maxsize=64)  # cached, since loading a robot reads its meshes
 def _checked(text: str, urdf: Path, bolted: bool) -> None:
     urdf_check.check(text, urdf.parent, str(urdf), bolted)
 
@@ -288,10 +288,10 @@ def _fit(
 def _with_legs(
     values: dict[str, Any], description: Description, path: Path
 ) -> tuple[dict[str, Any], np.ndarray]:
-    """Contents of a ``robot.yaml`` with what follows from its legs, and their geometry, (4, 16).
+    """Contents of a ``robot.yaml`` completed from its legs, and the leg geometry, (4, 16).
 
-    Joints, feet and standing pose come in the order of the legs. A pose, drives and fall
-    limits that the file leaves out are HyQ's, at the size of this robot.
+    Joints, feet and standing pose are in the order of the legs. Missing values of pose, drives
+    and fall limits are those of HyQ, scaled to the size of this robot.
 
     Raises:
         ParameterError: `joints` or `feet` are not those of the legs.
@@ -318,7 +318,7 @@ def _with_legs(
 
 
 def _not_of_legs(key: str, listed: list[str], wanted: tuple[str, ...]) -> str:
-    """Names that a list has too many or too few of, compared with the legs, and what to do."""
+    """Message on missing and extra names of a list compared with the legs, with the remedy."""
     extra = [name for name in listed if name not in wanted]
     missing = [name for name in wanted if name not in listed]
     if extra:
@@ -328,11 +328,11 @@ def _not_of_legs(key: str, listed: list[str], wanted: tuple[str, ...]) -> str:
 
 
 def _drives_like_hyq(joints: tuple[str, ...], length: float, mass: float) -> dict[str, dict]:
-    """Drives of HyQ, by the kind of joint, for legs of another length and mass [kg].
+    """Drives of HyQ by joint, scaled to legs of another length and mass [kg].
 
-    The mass is that of the legs, since these gains swing legs while the trunk controller
-    carries the weight. Motors in the legs make it 46 to 63 % of a robot (HyQ: 30 %); gains
-    by the weight of the whole robot are too soft for that.
+    The mass is that of the legs, since these gains swing the legs while the trunk controller
+    carries the weight. With motors in the legs it is 46 to 63 % of a robot (HyQ: 30 %), for
+    which gains scaled by the total mass are too small.
     """
     size = similarity.Size(length, round(mass / HYQ_LEGS, 6))
     hyq, drives = _read(ASSETS / "hyq" / "robot.yaml")["drives"], {}
@@ -345,7 +345,7 @@ def _drives_like_hyq(joints: tuple[str, ...], length: float, mass: float) -> dic
 
 
 def _foot_of(description: Description, joints: tuple, feet: tuple) -> np.ndarray:
-    """Index of the one foot that hangs on each joint, (n,); -1 for none or several."""
+    """Index of the foot moved by each joint, (n,); -1 for none or several."""
     chains = [set(description.above(foot)) for foot in feet]
     moved = [[k for k, chain in enumerate(chains) if joint in chain] for joint in joints]
     return np.array([found[0] if len(found) == 1 else -1 for found in moved], dtype=int)
@@ -367,10 +367,10 @@ def _is_number(value: Any) -> bool:
 
 
 def joint_index(joints: tuple[str, ...], pattern: str) -> np.ndarray:
-    """Indices of the joints that a name or fnmatch pattern names.
+    """Indices of the joints that match a name or fnmatch pattern.
 
     Raises:
-        NameUnknownError: No joint has this name or fits this pattern.
+        NameUnknownError: No joint has this name or matches this pattern.
     """
     found = [i for i, joint in enumerate(joints) if fnmatchcase(joint, pattern)]
     if not found:
@@ -391,13 +391,13 @@ def _path(name_or_path: str | Path) -> Path:
 
 
 def _read(path: Path) -> dict[str, Any]:
-    """Contents of a ``robot.yaml``, not to be changed."""
+    """Contents of a ``robot.yaml``, cached and therefore read-only."""
     return _parsed(path, path.stat().st_mtime_ns)
 
 
-@lru_cache(maxsize=64)  # reading YAML takes most of the time of loading a robot
+@lru_cache(maxsize=64)  # cached: reading YAML dominates the time of loading a robot
 def _parsed(path: Path, written: int) -> dict[str, Any]:
-    """As `_read`, for a file as it was written at a time [ns]."""
+    """As `_read`, cached by the modification time `written` [ns]."""
     values = read_yaml(path, "robot")
     sections = (*equipment.BY_JOINT, *equipment.BY_LINK, *equipment.NESTED)
     known = ("urdf", "joints", "feet", "standing", "legs", *equipment.SCALARS, *sections)
@@ -417,7 +417,7 @@ def _parsed(path: Path, written: int) -> dict[str, Any]:
 
 
 def _check_names(path: Path, description: Description, joints: tuple, feet: tuple) -> np.ndarray:
-    """Effort limit of each joint; every joint and foot must be in the URDF."""
+    """Effort limit of each joint [N·m], (n,); raises if a joint or foot is not in the URDF."""
     efforts = description.efforts()
     for kind, wanted, known in (("joint", joints, efforts), ("link", feet, description.links())):
         for name in wanted:

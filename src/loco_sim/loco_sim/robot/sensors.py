@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Sensors of a robot as ``robot.yaml`` lists them: resolution, noise and rate of readings.
+"""Sensors of a robot from ``robot.yaml``: resolution, noise and rate of readings.
 
-Without a `sensors` section a plant measures the truth. With one, velocities are
-differences of position readings, as the robot's computer would form them.
+Without a `sensors` section measurements are exact. With one, velocities are differences of
+position readings, as computed on the robot.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from .hall import HallSensor, check_joints, read_table
 
 @dataclass(frozen=True)
 class HallParams(Params):
-    """Hall sensors at the joints of a table."""
+    """Hall sensors at the joints listed in a table."""
 
     table: str = parameter("", "CSV file beside robot.yaml with joint,angle_deg,counts")
     bits: int = parameter(12, "resolution of the converter", "bit", low=1, high=24)
@@ -64,7 +64,7 @@ class SensorParams(Params):
 
         Raises:
             MissingFileError: There is no such table.
-            ParameterError: The table is not one, or has a joint that the robot lacks.
+            ParameterError: The table is invalid, or has a joint that the robot lacks.
         """
         if not self.hall.table:
             return {}
@@ -75,7 +75,7 @@ class SensorParams(Params):
 
 
 class Sensors:
-    """Readings of a robot's sensors, deterministic per seed.
+    """Simulation of a robot's sensors, deterministic for a seed.
 
     Attributes:
         adc: Last counts of each Hall sensor, in the order of the joints.
@@ -84,7 +84,7 @@ class Sensors:
     def __init__(
         self, params: SensorParams, hall: dict[str, HallSensor], joints: tuple[str, ...], dt: float
     ):
-        """Prepare; nothing is read before `reset`.
+        """Prepare the sensors, which need `reset` before the first reading.
 
         Args:
             params: Parameters of the sensors.
@@ -100,13 +100,13 @@ class Sensors:
         self._period = self._every * dt
 
     def reset(self, seed: int) -> None:
-        """Start the noise anew; the next reading is the first."""
+        """Restart the noise; the next reading is the first."""
         self._rng = np.random.default_rng([seed, 0, *b"sensors"])
         self._last: RobotState | None = None
         self.adc = [0] * len(self._hall)
 
     def measure(self, truth: RobotState) -> RobotState:
-        """Readings of the sensors in place of the truth."""
+        """State with sensor readings in place of true values."""
         last = self._last
         if last is not None and truth.tick % self._every:
             return replace(
@@ -137,7 +137,7 @@ class Sensors:
         return self._last
 
     def _positions(self, q: list[float], noise: list[float]) -> list[float]:
-        """Readings of the joints in place of the truth [rad or m], (n,)."""
+        """Measured joint positions from the true positions `q` [rad or m], (n,)."""
         if self._params.exact:
             for i, sensor in self._hall:
                 q[i] = sensor.reached(q[i])

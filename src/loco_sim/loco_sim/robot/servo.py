@@ -1,26 +1,26 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Drives that a robot brings along in ``robot.yaml``: servos, impedance and plain torque.
+"""Drives of a robot in ``robot.yaml``: servos, joint impedance and plain torque.
 
-A servo is a DC motor behind a gear with a position loop of its own:
+A servo is a geared DC motor with its own position loop:
 
-    u = clip(kp (q_d - q), -1, 1)                        share of the supply voltage
+    u = clip(kp (q_d - q), -1, 1)                        duty cycle (share of the supply voltage)
     tau_m = stall_torque (u - w / no_load_speed)         torque-speed line, |tau_m| <= effort
-    J dw/dt = tau_m - tau                                rotor, seen at the joint
+    J dw/dt = tau_m - tau                                rotor, reflected to the joint
     tau = gear_stiffness (x - q) + gear_damping (w - dq) on the joint; dx/dt = w
 
 with q and q_d rounded to the resolution of its encoder. Behind a gear of 193 : 1 the
-rotor is far heavier than a leg of 40 g, so leaving it out (`rotor_inertia` 0, then tau
-is tau_m with w = dq) is the worse model, and one that needs ten times finer steps.
+rotor inertia is far larger than that of a leg of 40 g, so a model without it (`rotor_inertia` 0,
+then tau is tau_m with w = dq) is less accurate and needs ten times finer steps.
 
 An impedance is a cascade of a position and a velocity loop with an integrator, of which most
 gains are 0:
 
-    v = speed_feed dq_d + position_gain (q_d - q)        velocity asked for
+    v = speed_feed dq_d + position_gain (q_d - q)        desired velocity
     dz/dt = ki (q_d - q) + speed_ki (v - dq)             |z| <= integral_limit
     tau = kp (q_d - q) + kd (v - dq) + z + tau_ff        |tau| <= effort
 
-z rests while tau is at its limit and the error would drive it further. Whatever a drive asks for
-may be sampled: see `Sampled`.
+z is frozen while tau is at its limit and the error would increase it. The output of a drive may be
+sampled: see `Sampled`.
 """
 
 from __future__ import annotations
@@ -31,8 +31,8 @@ from dataclasses import dataclass
 from loco_control.exceptions import ParameterError
 from loco_control.params import Params, parameter
 
-TORQUE, IMPEDANCE, SERVO = 1.0, 2.0, 3.0  # in the first column of a row; 0 is passive
-# Columns of a row that have a name; the others are those of the kind of drive.
+TORQUE, IMPEDANCE, SERVO = 1.0, 2.0, 3.0  # kind of drive, first column of a row; 0 is passive
+# Named columns of a row; the others depend on the kind of drive.
 EFFORT, PERIOD, AVERAGED, SPEED_FEED, INTEGRAL_LIMIT = 8, 9, 10, 11, 12
 COLUMNS = 13
 CONTINUOUS, HELD, MEAN = "continuous", "held", "averaged"
@@ -40,10 +40,10 @@ CONTINUOUS, HELD, MEAN = "continuous", "held", "averaged"
 
 @dataclass(frozen=True)
 class Sampled(Params):
-    """Drive whose torque, or share of voltage, may be sampled and held.
+    """Base of drives whose torque, or duty cycle, may be sampled and held.
 
-    A controller on a computer looks at the joint once in its period and holds what follows from
-    it until it looks again.
+    A digital controller samples the joint once per period and holds its output until the next
+    sample.
     """
 
     torque: str = parameter(
@@ -66,7 +66,7 @@ class Sampled(Params):
 
     @property
     def sampled(self) -> bool:
-        """The torque is not computed at every physics step."""
+        """Whether the torque is sampled, not computed at every physics step."""
         return self.torque != CONTINUOUS
 
     def _sampling(self) -> tuple[float, float]:
@@ -107,7 +107,7 @@ class ServoParams(Sampled):
 
     @property
     def damping(self) -> float:
-        """Damping that the joint feels within one physics step [N·m·s/rad]."""
+        """Effective damping of the joint within one physics step [N·m·s/rad]."""
         geared = self.rotor_inertia > 0.0
         return self.gear_damping if geared else self.stall_torque / self.no_load_speed
 
@@ -144,12 +144,12 @@ class ImpedanceDrive(Sampled):
 
     @property
     def integrates(self) -> bool:
-        """The loop has an integrator."""
+        """Whether the loop has an integrator."""
         return self.ki > 0.0 or self.speed_ki > 0.0
 
     @property
     def command(self) -> str:
-        """Kind of command: ``position``, or ``velocity`` where no gain is on the position."""
+        """Kind of command: ``position``, or ``velocity`` without a position gain."""
         stiff = max(self.kp, self.swing[0], self.ki, self.position_gain)
         return "velocity" if stiff == 0.0 and self.kd + self.speed_ki > 0.0 else "position"
 
@@ -161,7 +161,7 @@ class ImpedanceDrive(Sampled):
 
     @property
     def damping(self) -> float:
-        """Largest damping that the joint feels within one physics step [N·m·s/rad]."""
+        """Largest effective damping of the joint within one physics step [N·m·s/rad]."""
         return 0.0 if self.sampled else max(self.kd, self.swing[1])
 
 
@@ -169,8 +169,8 @@ class ImpedanceDrive(Sampled):
 class TorqueDrive(Sampled):
     """A motor without a loop: gain u + bias - slope dq, within the joint's limit.
 
-    What it is told, u, is a torque, or with another `gain` a current (gain is the torque
-    constant), a voltage or a share of one (gain is the torque at rest per unit, slope the back
+    The command u is a torque, or with another `gain` a current (gain is the torque constant), or a
+    voltage or duty cycle (gain is the torque at rest per unit, slope the effect of the back
     electromotive force).
     """
 
@@ -193,7 +193,7 @@ class TorqueDrive(Sampled):
 
     @property
     def damping(self) -> float:
-        """Damping that the joint feels within one physics step [N·m·s/rad]."""
+        """Effective damping of the joint within one physics step [N·m·s/rad]."""
         return self.slope
 
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Springs in joints, with their dampers: linear ones, and Tigrillo's knee spring.
+"""Joint springs with dampers: linear springs, and Tigrillo's knee spring.
 
 The knee spring is a tension spring between an anchor on the femur, `femur` above
 the knee, and the top of the tibia, `tibia` beyond it, so that at a knee angle a
@@ -11,7 +11,7 @@ The author's Gazebo model has its linear equivalent instead,
 
     k_t = k tibia sin(gamma) length / a0,               tau = -k_t (a - a0),
 
-with the angle a0 at which the spring is slack and gamma the angle of the triangle
+with the rest angle a0 of the spring and gamma the angle of the triangle
 between spring and tibia. Source: gurbain/tigrillo2, exp/model.py:776.
 """
 
@@ -24,7 +24,7 @@ from loco_control.exceptions import ParameterError
 from loco_control.params import Params, parameter
 
 KINDS = ("linear", "pretension", "torsion")
-LINEAR, PRETENSION = 1.0, 2.0  # in the first column of a row
+LINEAR, PRETENSION = 1.0, 2.0  # kind of spring, first column of a row
 COLUMNS = 7
 
 
@@ -66,7 +66,7 @@ class SpringParams(Params):
 
     @property
     def slack(self) -> float:
-        """Joint position at which the spring gives no torque [rad or m]."""
+        """Joint position at which the spring torque is zero [rad or m]."""
         if self.kind == "linear":
             return self.rest
         return _corner(self.femur, self.tibia, self.length)

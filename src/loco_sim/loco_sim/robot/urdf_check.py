@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Checks of a URDF before an engine may see it.
+"""Validation of a URDF before it is passed to an engine.
 
-The engine trusts its input: two links of one name end the process, a tensor that no body
-can have is dropped in silence, a link without mass weighs 1 kg. `problems` finds all of this
-by reading; `check` raises the first.
+Engines do not validate their input: duplicate link names crash the process, a physically
+impossible inertia is silently ignored, a link without mass gets 1 kg. `problems` lists all such
+faults; `check` raises the first.
 """
 
 from __future__ import annotations
@@ -26,24 +26,24 @@ MOVING = ("revolute", "continuous", "prismatic")
 TYPES = (*MOVING, "fixed")
 TENSOR = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
 MOST = 64 * 2**20  # bytes of a URDF
-LARGEST = 1e9  # mass [kg], inertia [kg·m²] or length [m] beyond which no engine can count
-SMALLEST = 1e-12  # mass that is not 0 [kg]
-ROUNDING = 1e-6  # share of the largest moment by which the triangle inequality may be broken
+LARGEST = 1e9  # largest mass [kg], inertia [kg·m²] and length [m]
+SMALLEST = 1e-12  # smallest mass other than 0 [kg]
+ROUNDING = 1e-6  # tolerance of the triangle inequality of moments, share of the largest one
 SIZES = {"box": ("size",), "sphere": ("radius",), "cylinder": ("radius", "length"),
          "capsule": ("radius", "length"), "mesh": ()}  # fmt: skip
 
 
 def check(urdf: str, folder: Path, name: str, bolted: bool = False) -> None:
-    """Refuse a URDF that the engine would crash on, or simulate as something else.
+    """Refuse a URDF on which the engine would crash, or which it would misinterpret.
 
     Args:
         urdf: Text of the URDF.
         folder: Folder of relative mesh files.
         name: File name for the message.
-        bolted: The base is fixed to the world, so its inertia does not matter.
+        bolted: Whether the base is fixed to the world, so that its inertia does not matter.
 
     Raises:
-        ParameterError: Names the file, the first problem and how many more there are.
+        ParameterError: The URDF has faults; names the file, the first fault and how many more.
     """
     found = list(problems(parse(urdf, name), folder, bolted))
     if found:
@@ -52,7 +52,7 @@ def check(urdf: str, folder: Path, name: str, bolted: bool = False) -> None:
 
 
 def parse(urdf: str, name: str = "the robot description") -> ET.Element:
-    """Root element of a URDF, whatever blanks or zero bytes stand around it.
+    """Root element of a URDF, ignoring blanks and zero bytes around it.
 
     Raises:
         ParameterError: The text is not XML or not a robot.
@@ -66,10 +66,9 @@ def parse(urdf: str, name: str = "the robot description") -> ET.Element:
 
 
 def parse_xml(text: str, name: str) -> ET.Element:
-    """Root element of an XML text, whatever blanks or zero bytes stand around it.
+    """Root element of an XML text, ignoring blanks and zero bytes around it.
 
-    Prefixes that it uses without declaring them, as of extensions for Drake or Gazebo, are
-    declared.
+    Undeclared namespace prefixes, as used by extensions for Drake or Gazebo, are declared.
 
     Raises:
         ParameterError: The text is not XML.
@@ -82,22 +81,22 @@ def parse_xml(text: str, name: str) -> ET.Element:
         return ET.fromstring(re.sub(r"<(\w+)", rf"<\1{declared}", text, count=1))
     except ET.ParseError as error:
         raise ParameterError(f"{name} is not XML: {error}") from None
-    except ValueError as error:  # an encoding that Python does not know
+    except ValueError as error:  # an unknown encoding
         raise ParameterError(f"{name} cannot be read: {error}") from None
 
 
 def is_xacro(root: ET.Element) -> bool:
-    """Whether macros of xacro are still to be expanded."""
+    """Whether a text contains xacro macros that are not expanded."""
     return any("xacro}" in str(element.tag) for element in root.iter())
 
 
 def problems(root: ET.Element, folder: Path, bolted: bool = False) -> Iterator[str]:
-    """Sentences about all that is wrong, those that make others meaningless alone.
+    """Sentences about all faults; faults that make further checks meaningless are listed alone.
 
     Args:
         root: Element of the robot.
         folder: Folder of relative mesh files.
-        bolted: The base is fixed to the world.
+        bolted: Whether the base is fixed to the world.
     """
     tree = [*_names(root), *_joints(root)] or list(_tree(root))
     if tree:
@@ -118,7 +117,7 @@ def problems(root: ET.Element, folder: Path, bolted: bool = False) -> Iterator[s
 
 
 def _free_links(root: ET.Element, bolted: bool) -> set[str]:
-    """Links that move by themselves: those of moving joints, and the root unless it is bolted."""
+    """Links with their own degrees of freedom: of moving joints, and the root unless bolted."""
     joints = root.findall("joint")
     children = {j.find("child").get("link") for j in joints}
     moved = {j.find("child").get("link") for j in joints if j.get("type") in MOVING}
@@ -139,7 +138,7 @@ def _names(root: ET.Element) -> Iterator[str]:
 
 
 def _joints(root: ET.Element) -> Iterator[str]:
-    """Kind, parent and child of each joint."""
+    """Faults of type, parent and child of each joint."""
     links = {link.get("name") for link in root.findall("link")}
     carried: dict[str, str] = {}
     for joint in root.findall("joint"):
@@ -167,7 +166,7 @@ def _joints(root: ET.Element) -> Iterator[str]:
 
 
 def _tree(root: ET.Element) -> Iterator[str]:
-    """One root, from which all links are reached."""
+    """Faults of the tree, which needs one root from which all links are reached."""
     parents = {
         joint.find("child").get("link"): joint.find("parent").get("link")
         for joint in root.findall("joint")
@@ -221,7 +220,7 @@ def _joint_numbers(joint: ET.Element) -> Iterator[str]:
 
 
 def _inertial(link: ET.Element, free: bool) -> Iterator[str]:
-    """Mass and inertia; a link that moves by itself needs both, others may have none."""
+    """Faults of mass and inertia, which are required for links in `free`."""
     what, inertial = f"link {link.get('name')!r}", link.find("inertial")
     if inertial is None:
         return
@@ -250,7 +249,7 @@ def _inertial(link: ET.Element, free: bool) -> Iterator[str]:
 
 
 def _weightless(root: ET.Element, free: set[str]) -> Iterator[str]:
-    """Links that move although nothing on them has a mass, and a floating root without one."""
+    """Faults of moving links without any mass, and of a floating root without mass."""
     own = {link.get("name"): mass_of(link) for link in root.findall("link")}
     parents = {
         joint.find("child").get("link"): joint.find("parent").get("link")
@@ -272,20 +271,20 @@ def _weightless(root: ET.Element, free: set[str]) -> Iterator[str]:
 
 
 def mass_of(link: ET.Element) -> float:
-    """Mass of a link [kg], 0 if it has none or none that is a number."""
+    """Mass of a link [kg], 0 if it is missing or not a number."""
     weight = link.find("inertial/mass")
     mass = 0.0 if weight is None else _number(weight.get("value", "0"))
     return mass if math.isfinite(mass) else 0.0
 
 
 def inertia_matrix(tensor: Sequence[float]) -> np.ndarray:
-    """Symmetric matrix (3, 3) of the six values that `TENSOR` names."""
+    """Symmetric matrix, (3, 3), from the six values named in `TENSOR`."""
     ixx, ixy, ixz, iyy, iyz, izz = tensor
     return np.array([[ixx, ixy, ixz], [ixy, iyy, iyz], [ixz, iyz, izz]])
 
 
 def inertia_fault(tensor: list[float]) -> str:
-    """The reason that keeps a tensor from being that of a body, "" if there is none.
+    """Reason why an inertia tensor is physically impossible, "" if it is possible.
 
     Args:
         tensor: ixx, ixy, ixz, iyy, iyz, izz [kg·m²].
@@ -304,13 +303,13 @@ def inertia_fault(tensor: list[float]) -> str:
 
 
 def shape_problems(shape: ET.Element, what: str, folder: Path, collides: bool) -> Iterator[str]:
-    """Sentences about the geometry of a shape; a mesh that is only seen may be missing.
+    """Sentences about faults of a shape's geometry; visual meshes may be missing.
 
     Args:
         shape: Element ``collision`` or ``visual``.
-        what: Owner of the shape, such as "link 'base'", with which sentences begin.
+        what: Owner of the shape, such as "link 'base'", at the beginning of sentences.
         folder: Folder of relative mesh files.
-        collides: The shape touches the ground.
+        collides: Whether the shape is a collision shape.
     """
     yield from _origin(shape.find("origin"), what)
     geometry = shape.find("geometry")
@@ -353,7 +352,7 @@ def _origin(origin: ET.Element | None, what: str) -> Iterator[str]:
 
 
 def _number(text: str) -> float:
-    """A number, NaN if the text is none, or one to Python only, such as ``1_0``."""
+    """A number; NaN if the text is not a number, or only in Python syntax, such as ``1_0``."""
     try:
         return float(text) if text.isascii() and "_" not in text else math.nan
     except ValueError:
@@ -361,6 +360,6 @@ def _number(text: str) -> float:
 
 
 def _numbers(text: str, count: int) -> np.ndarray | None:
-    """Numbers of an attribute, None unless there are `count` of at most `LARGEST`."""
+    """Numbers of an attribute; None unless there are `count`, all of magnitude up to `LARGEST`."""
     values = np.array([_number(word) for word in text.split()])
     return values if len(values) == count and np.all(np.abs(values) <= LARGEST) else None

@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The ROS 2 rim of loco_sim; nothing above this folder imports ROS."""
+"""ROS 2 nodes of loco_sim; no module outside of this folder imports ROS."""

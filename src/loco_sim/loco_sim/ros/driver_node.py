@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Node `robot_sim` of a robot of servos: what a plant node does, on hardware.
+"""Node `robot_sim` for hardware: the plant node of a robot of servos.
 
 Clock, limits, time-outs, heartbeat and emergency stop are those of every plant node. The safe
-state is without torque, and a command goes to the bus as soon as it has come.
+state has no torque, and a command is sent to the bus as soon as it is received.
 """
 
 from __future__ import annotations
@@ -21,14 +21,14 @@ from ..plant import model as models
 from ..plant.safety import SafetyParams
 from .joint_plant_node import JointPlantNode
 
-FASTEST = 1.5  # peak of the speed of a smooth step, over its mean
+FASTEST = 1.5  # peak speed / mean speed of a smooth step
 
 
 class DriverNode(JointPlantNode):
-    """Driver of a robot of Dynamixel servos, for robots with a bolted base.
+    """Driver node of a robot of Dynamixel servos with a fixed base.
 
     Attributes:
-        sim: The robot; it has the face of a `Simulation`.
+        sim: The robot, with the interface of `Simulation`.
     """
 
     margins: ClassVar[SafetyParams] = SafetyParams(
@@ -41,7 +41,7 @@ class DriverNode(JointPlantNode):
             raise ParameterError(
                 f"hardware has the clock realtime, got {self.tick.clock}; take --clock realtime"
             )
-        self.tick = self.tick.replace(catch_up=1)  # what was missed is gone
+        self.tick = self.tick.replace(catch_up=1)  # missed ticks cannot be made up
         robot = self.declare_parameter("robot", "servo_pendulum").value
         file = self.declare_parameter("hardware", "").value
         overrides = json.loads(self.declare_parameter("overrides", "{}").value)
@@ -51,14 +51,14 @@ class DriverNode(JointPlantNode):
         self.sim = ServoRobot(wired, robot)
         self._speed = wired.bus.approach
         self._acted, self._limp, self._dropped = -1, True, 0
-        self._approach_start: Any = None  # from where to the standing posture [rad], and ticks done
+        self._approach_start: Any = None  # initial posture [rad] and ticks done
         self._limited: set[str] = set()
         self._open()
 
     # ---- before the first tick
 
     def _start(self) -> None:
-        """Go slowly to the standing posture, where experiments begin; then the ticks begin."""
+        """Move slowly to the standing posture, where experiments begin; then start the ticks."""
         self.event("approach", "to the standing posture", 0, 0.0)
         self._timer = self.create_timer(1.0 / self.rate, self._approach)
 
@@ -67,7 +67,7 @@ class DriverNode(JointPlantNode):
         standing = self.sim.robot.standing
         if self._estop.reason:
             self.sim.limp()
-            self._approach_start = None  # begins anew after a reset
+            self._approach_start = None  # restarts after a reset
             return
         begin, k = self._approach_start or (state.q, 0)
         most = FASTEST * max(abs(standing - begin)) / self._speed
@@ -88,7 +88,7 @@ class DriverNode(JointPlantNode):
             self._act()
 
     def _step(self, tick: int) -> None:
-        """A tick is over: send what it was to be sent, if nothing was, and measure."""
+        """End a tick: send its command, if not yet sent, and measure."""
         if tick == self.state.tick:
             self._act()
             self._arrive(self._next())
@@ -106,12 +106,12 @@ class DriverNode(JointPlantNode):
             self._tell_limits()
 
     def safe_command(self) -> tuple[Any, Any]:
-        """Hold and sit as any plant does; damped is without torque, and so is a stopped robot."""
+        """Arguments of `advance` in the safe state; no torque when damped or stopped."""
         self._limp = bool(self._estop.reason) or self._fallback.stage == "damp"
         return super().safe_command()
 
     def _next(self) -> RobotState:
-        """State at the tick that begins now; ticks that were missed are left out."""
+        """State at the beginning of the next tick; missed ticks are skipped."""
         dropped = self._deadlines.dropped if self._deadlines else 0
         tick = self.state.tick + 1 + dropped - self._dropped
         self._dropped = dropped
@@ -124,7 +124,7 @@ class DriverNode(JointPlantNode):
         return state
 
     def _on_estop(self, kind: str, text: str) -> None:
-        """Torque off at once, whatever the tick has sent."""
+        """Torque off at once, regardless of the command of the tick."""
         super()._on_estop(kind, text)
         if self._estop.reason:
             self.sim.limp()
@@ -135,14 +135,14 @@ class DriverNode(JointPlantNode):
         self.sim.limp()
 
     def _tell_limits(self) -> None:
-        """Tell, the first time, that a limit has changed a command: the robot gets another one."""
+        """Publish an event the first time that a limit has changed a command."""
         counts = {**(self._safety.limited if self._safety else {}), "servo": self.sim.clipped}
         for kind in {k for k, n in counts.items() if n} - self._limited:
             self._limited.add(kind)
             self.event("clipped", f"command brought back to the limit of {kind}", *self.now())
 
     def diagnose(self) -> dict[str, Any]:
-        """As of every plant, and what the bus has lost."""
+        """Values of every plant node, and lost answers of the bus."""
         return {**super().diagnose(), "lost_packets": self.sim.lost, "torque": not self._limp}
 
 

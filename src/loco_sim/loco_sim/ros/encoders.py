@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Bytes of the standard messages that tools read, made from the state of a tick without ROS."""
+"""Encoders of the standard messages for tools, from the state of a tick, without ROS."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ Encode = Callable[[RobotState, GroundTruth], bytes]
 
 
 def encoders(robot: Any) -> dict[str, Encode]:
-    """Function per tool topic that gives the serialised message of a tick.
+    """Function by tool topic that returns the serialised message of a tick.
 
     Args:
         robot: Robot with `joints` and `urdf`.
@@ -31,7 +31,7 @@ def encoders(robot: Any) -> dict[str, Encode]:
 
 
 def _frames(skeleton: Skeleton) -> Encode:
-    """Encoder of the base in the world and of every link in the one that carries it."""
+    """Encoder of the transforms of the base in the world and of every link in its parent."""
     links = [("odom", "base_link"), *skeleton.links]
     if skeleton.base != "base_link":
         links.append(("base_link", skeleton.base))
@@ -61,7 +61,7 @@ def _frames(skeleton: Skeleton) -> Encode:
 
 
 def _encoder(template: Any, stamped: str, blocks: list) -> Callable:
-    """Encoder of a template: its stamp, then runs of doubles, each from a function of a tick."""
+    """Encoder from a template: writes the stamp and blocks of doubles, each by a function."""
     record = Codec(template).record()
     stamp = stamp_views(record, stamped)
     filled = [(block_view(record, path, count), value) for path, count, value in blocks]
@@ -92,7 +92,7 @@ _TRUE_POSE = [(3, lambda state, truth: truth.position), (4, lambda state, truth:
 
 
 def _blocks(joints: int) -> dict[str, tuple[str, list]]:
-    """Per topic: where its stamp is, and path, length and value of each run of doubles."""
+    """By topic: path of the stamp, and path, length and value of each block of doubles."""
     position, orientation = _TRUE_POSE
     return {
         "joint_states": (

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The latched emergency stop of a plant: by topic, service, lost heartbeat, or the plant itself."""
+"""Latched emergency stop of a plant, by topic, service, lost heartbeat, or the plant itself."""
 
 from __future__ import annotations
 
@@ -16,15 +16,15 @@ SERVICE = "set_estop"
 
 
 class EmergencyStop:
-    """Holds until it is reset by the service; nothing else ends it.
+    """Emergency stop that is released by its service only.
 
     Args:
-        node: The plant's node: true on its topic `estop`, or to its service `set_estop`,
+        node: The plant's node: true on topic `estop`, or to service `set_estop`,
             stops; false to the service resets, false on the topic does nothing.
-        tell: Is called with the kind of event and the reason.
+        tell: Function called with the kind of event and the reason.
 
     Attributes:
-        reason: Why it is engaged, "" while it is not.
+        reason: Reason why it is engaged, "" if it is not.
     """
 
     def __init__(self, node: LocoNode, on_change: Callable[[str, str], None]):
@@ -33,7 +33,7 @@ class EmergencyStop:
         node.create_service(SetBool, SERVICE, self._on_service)
 
     def engage(self, reason: str) -> None:
-        """Stop; the first reason stays."""
+        """Engage the stop; the first reason is retained."""
         if not self.reason:
             self.reason = reason
             self._on_change("estop", reason)
@@ -57,23 +57,23 @@ class EmergencyStop:
 
 
 class Heartbeat:
-    """Stops the robot when the operator falls silent.
+    """Monitor that stops the robot when the operator's heartbeat is lost.
 
     Args:
-        node: The plant's node, which hears the topic `heartbeat`.
-        longest: Longest silence [s] of wall time; 0 wants no heartbeat.
-        engage: Engages the emergency stop, with the reason.
+        node: The plant's node, which subscribes to the topic `heartbeat`.
+        longest: Longest wall time between heartbeats [s]; 0 to require none.
+        engage: Function that engages the emergency stop, with the reason.
     """
 
     def __init__(self, node: LocoNode, longest: float, engage: Callable[[str], None]):
         self._longest, self._engage = longest, engage
-        self._last = math.inf  # wall time of the last beat; no silence counts before `begin`
+        self._last = math.inf  # wall time of the last beat; not monitored before `begin`
         node.input("heartbeat", self._on_beat)
         if longest:
             node.create_timer(longest / 4.0, self._check)
 
     def begin(self) -> None:
-        """The robot may move from now on: silence counts."""
+        """Start monitoring, when the robot may move."""
         self._last = time.monotonic()
 
     def _on_beat(self, message: Empty) -> None:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Plant nodes that speak standard messages: joint_command in, joint_states and imu/data out."""
+"""Plant nodes with standard messages: joint_command in, joint_states and imu/data out."""
 
 from __future__ import annotations
 
@@ -14,21 +14,21 @@ from ..plant.joint_commands import JointCommands
 from .encoders import encoders
 from .plant_node import PlantNode
 
-EACH_TICK = ("joint_states", "imu/data", "ground_truth/odom")  # others wait for the first two
-ALONE = ("/tf", "/clock")  # would meet those of other robots
+EACH_TICK = ("joint_states", "imu/data", "ground_truth/odom")  # controllers wait for the first two
+ALONE = ("/tf", "/clock")  # omitted in a namespace: would collide with other robots
 
 
 class JointPlantNode(PlantNode):
-    """Messages of a robot of joints, whether it is simulated or not.
+    """Base of plant nodes of joint robots, simulated or real: their messages.
 
-    Whoever derives from it makes `sim`, then calls `_open`.
+    A subclass creates `sim`, then calls `_open`.
     """
 
     table = JOINT_TOPICS
     controllers = JOINT_NODES
 
     def _open(self) -> None:
-        """Make outputs, then inputs, and announce the node."""
+        """Create outputs, then inputs, and announce the node."""
         names = [*EACH_TICK, *(ALONE if self.get_namespace() == "/" else ())]
         self._outputs_by_topic = {name: self.raw_output(name) for name in names}
         self._encode()
@@ -44,7 +44,7 @@ class JointPlantNode(PlantNode):
         self.announce_ready()
 
     def _encode(self) -> None:
-        """Make the messages anew: a model may have other links of the same joints."""
+        """Recreate the encoders, since a model may have other links for the same joints."""
         by_topic = encoders(self.sim.robot)
         self._rows = [(publish, by_topic[name]) for name, publish in self._outputs_by_topic.items()]
         self._commands_of = JointCommands(self.sim.robot)
@@ -64,7 +64,7 @@ class JointPlantNode(PlantNode):
         return round(self.state.t * 1e9) if self.started else -1
 
     def send(self, state: RobotState) -> None:
-        """Publish sensors and ground truth, all with one stamp."""
+        """Publish sensor readings and ground truth with the same stamp."""
         self._tell(state, self.sim.ground_truth())
 
     def _tell(self, state: RobotState, truth: GroundTruth) -> None:

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Node `robot_sim` of joint robots: joint_command in, joint_states and imu/data out.
 
-A ``model.yaml`` as text on the topic `model` replaces the plant at the next tick:
-ticks and time go on, the robot starts anew at the origin with the joints as they were.
+The text of a ``model.yaml`` on the topic `model` replaces the plant at the next tick: ticks and
+time continue, and the robot restarts at the origin with its current joint positions.
 """
 
 from __future__ import annotations
@@ -29,11 +29,11 @@ from ..plant.simulation import Simulation, ending
 from ..robot import robot as robots
 from .joint_plant_node import JointPlantNode
 
-MOST_MODEL = 100_000  # characters of a model on the topic
+MOST_MODEL = 100_000  # longest text of a model on the topic [characters]
 
 
 class JointSimNode(JointPlantNode):
-    """Simulated plant, of any robot that `loco_sim.robot.robot` reads."""
+    """Node of the simulated plant, for any robot of `loco_sim.robot.robot`."""
 
     def __init__(self) -> None:
         super().__init__(100.0)
@@ -48,7 +48,7 @@ class JointSimNode(JointPlantNode):
         model = models.Model(base.robot, {**base.overrides, **overrides}, [*base.effects, *effects])
         self.sim = self._make_sim(model)
         self._from = 0  # tick at the last change of the plant
-        self._travelled = self._x = 0.0  # before the last swap, since then [m]
+        self._travelled = self._x = 0.0  # distance before the last change, x since then [m]
         self._open()
 
     def _make_sim(self, model: models.Model, standing: Any = None) -> Simulation:
@@ -73,7 +73,7 @@ class JointSimNode(JointPlantNode):
         return state
 
     def _on_model(self, message: String) -> None:
-        """Between two ticks: the next one is that of the new plant."""
+        """Replace the plant between two ticks."""
         old = self.sim
         try:
             model = model_of(message.data, self._own_files, self._folders)
@@ -86,7 +86,7 @@ class JointSimNode(JointPlantNode):
                     f"this plant is of {old.robot.name} with {', '.join(old.robot.joints)}"
                 )
             self.sim = self._make_sim(model, old.true_q if self.started else None)
-        except Exception as error:  # a stranger's text: whatever it leads to, the plant goes on
+        except Exception as error:  # no received text may stop the plant
             if not isinstance(error, LocoError):
                 self.get_logger().error(traceback.format_exc())
             reason = str(error) if isinstance(error, LocoError) else f"{type(error).__name__}"
@@ -102,24 +102,24 @@ class JointSimNode(JointPlantNode):
         self.event("model loaded", _summary(model), *self.now())
 
     def send(self, state: RobotState) -> None:
-        """Publish sensors and ground truth, all with one stamp."""
+        """Publish sensor readings and ground truth with the same stamp."""
         truth = self.sim.ground_truth()
         self._x = truth.position[0]
         self._tell(state, truth)
 
     def ending(self) -> str:
-        """Text of a run that came to its end."""
+        """Message at the end of the run."""
         fixed = self.sim.robot.fixed_base
         return ending(self.state.t, None if fixed else self._travelled + self._x)
 
 
 def model_of(text: str, own: Collection[Path], folders: Sequence[str]) -> models.Model:
-    """Model of the text of a ``model.yaml``, or of its path, that anyone may have sent.
+    """Model from the text or path of a ``model.yaml`` received over the network.
 
     Args:
         text: The text, or one line that ends in ``.yaml``.
-        own: Robots that the operator has named: a model may name them, too.
-        folders: Other robots and models that are files must lie below one of these.
+        own: Robot files given by the operator, to which a model may refer.
+        folders: Folders below which other robot and model files must lie.
 
     Raises:
         LocoError: The model cannot be read, or a path is not below `folders`.
@@ -133,7 +133,7 @@ def model_of(text: str, own: Collection[Path], folders: Sequence[str]) -> models
             values["robot"] = str(allowed(named, folders, "robot"))
         overrides = values.get("overrides")
         for key, value in overrides.items() if isinstance(overrides, dict) else ():
-            if isinstance(value, str):  # such as another URDF
+            if isinstance(value, str):  # e.g. the path of a URDF
                 raise ParameterError(f"a model on a topic cannot set {key} to the text {value!r}")
     return models.from_values(values, Path("model.yaml"))
 
@@ -141,7 +141,7 @@ def model_of(text: str, own: Collection[Path], folders: Sequence[str]) -> models
 def _is_one_of(name: str, own: Collection[Path]) -> bool:
     try:
         return Path(name).resolve() in own
-    except (OSError, ValueError, RuntimeError):  # no path at all
+    except (OSError, ValueError, RuntimeError):  # not a path
         return False
 
 

@@ -24,24 +24,24 @@ from .plant_node import PlantNode
 
 
 class NodeStates(NamedTuple):
-    """State of a tick."""
+    """State of a network at a tick."""
 
     tick: int
     t: float  # [s]
     position: np.ndarray  # [m], (nodes, axes)
-    velocity: np.ndarray  # [m/s]
-    acceleration: np.ndarray  # [m/s²]
+    velocity: np.ndarray  # [m/s], (nodes, axes)
+    acceleration: np.ndarray  # [m/s²], (nodes, axes)
 
 
 class LinkCommand(NamedTuple):
-    """Driven over rest lengths for a tick."""
+    """Driven length / rest length of the links for a tick."""
 
     tick: int
     factor: np.ndarray  # (links,)
 
 
 class MsdPlant:
-    """A network as `PlantNode` wants it: one integration step is one tick."""
+    """A network with the interface that `PlantNode` needs: one integration step per tick."""
 
     fallen = ""  # a network cannot fall
     rejected = 0
@@ -54,12 +54,12 @@ class MsdPlant:
         self.start = centre_of_mass(network, network.positions)[0]
 
     def reset(self) -> NodeStates:
-        """First state."""
+        """Reset the network; its initial state."""
         self.simulation.reset()
         return self._state()
 
     def step(self, command: LinkCommand) -> NodeStates:
-        """One tick."""
+        """Advance by one tick; the new state."""
         self.rejected += not np.all(np.isfinite(command.factor))
         self.simulation.step(np.nan_to_num(command.factor, nan=1.0, posinf=1.0, neginf=1.0))
         self.simulation.check_finite()
@@ -71,16 +71,16 @@ class MsdPlant:
 
     @property
     def distance(self) -> float:
-        """Of the centre of mass along x since the start [m]."""
+        """Distance of the centre of mass along x since the start [m]."""
         s = self.simulation
         return float(centre_of_mass(s.network, s.position)[0] - self.start)
 
     def close(self) -> None:
-        """Nothing is held."""
+        """There are no resources to release."""
 
 
 class MsdSimNode(PlantNode):
-    """Network behind standard messages."""
+    """Plant node of a network, with standard messages."""
 
     table = MSD_TOPICS
     controllers = MSD_NODES
@@ -113,7 +113,7 @@ class MsdSimNode(PlantNode):
             raise
 
     def safe_command(self) -> tuple[Any, Any]:
-        """Links go back to their rest lengths."""
+        """Command in the safe state: all links at their rest lengths."""
         return self._rest_command._replace(tick=self.state.tick), None
 
     def newest(self) -> int:
@@ -121,14 +121,14 @@ class MsdSimNode(PlantNode):
         return round(self.state.t * 1e9) if self.started else -1
 
     def send(self, state: NodeStates) -> None:
-        """Publish the nodes and the clock with one stamp."""
+        """Publish the node states and the clock with the same stamp."""
         columns = (v.T.reshape(-1) for v in state[2:])
         self._states(self._pack(state.t, *columns))
         if self._clock_output:
             self._clock_output.publish(Clock(clock=to_stamp(state.t)))
 
     def ending(self) -> str:
-        """Text of the state at the end."""
+        """Message on the state at the end."""
         return f"{self.state.t:.1f} s simulated, {self.sim.distance:.2f} m forward"
 
 

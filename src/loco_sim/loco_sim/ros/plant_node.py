@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The part of every plant node: it owns the tick.
+"""Base class of plant nodes, which control the sequence of ticks.
 
-It publishes the state of tick k, waits for the commands of tick k, steps one control
-period and publishes the state of tick k+1. A driver of hardware derives from it too: clocks,
-limits, time-outs and the emergency stop are the same for both.
+A plant node publishes the state of tick k, waits for the commands of tick k, steps one control
+period and publishes the state of tick k+1. Hardware drivers are plant nodes, too: clocks,
+limits, time-outs and the emergency stop are the same.
 """
 
 from __future__ import annotations
@@ -34,23 +34,23 @@ from .estop import EmergencyStop, Heartbeat
 
 __all__ = ["CLOCKS", "PlantNode", "TickParams"]
 
-FIRST = 2  # ticks of clock realtime that wait for their commands: kernels are loaded then
-PATIENCE = 1.0  # but no longer than this [s]
-GRACE = 1.0  # of a right command after one that cannot be read: a stranger may have sent that [s]
-LOOK = 1.0  # between looks for other writers, whose messages push out those of the graph [s]
-BESIDE = 10.0  # so long after one was there a tick may still be lost [s]
-NUDGE = 0.1  # wall time between steps in the safe state while a controller comes back [s]
+FIRST = 2  # first ticks of clock realtime, which wait for commands while kernels are loaded
+PATIENCE = 1.0  # longest wait of the first ticks [s]
+GRACE = 1.0  # time for a valid command after an unreadable one, perhaps of another graph [s]
+LOOK = 1.0  # period of checks for other writers, whose messages may displace those of the graph [s]
+BESIDE = 10.0  # time after the end of another writer in which ticks may be lost [s]
+NUDGE = 0.1  # wall time between steps in the safe state while a controller restarts [s]
 
 
 class PlantNode(LocoNode):
-    """Base of plant nodes; they make `sim`, publish states and receive commands.
+    """Base of plant nodes, which create `sim`, publish states and receive commands.
 
     Attributes:
         controllers: Nodes that must be ready before the first tick, this one included.
-        margins: Defaults of the limits of `plant.safety`.
+        margins: Default margins of `plant.safety`.
         sim: The plant.
         state: Last measurement.
-        started: The first tick is out.
+        started: Whether the first tick has been published.
     """
 
     controllers: ClassVar[tuple[str, ...]] = ()
@@ -68,7 +68,7 @@ class PlantNode(LocoNode):
         self._stages = declare(self, FallbackParams(), "fallback.")
 
     def _connect(self) -> None:
-        """Listen to events and recorder; to be called when all outputs are made."""
+        """Subscribe to events and recorder; to be called after creating all outputs."""
         self._last = round(self.tick.duration * self.rate) if self.tick.duration else None
         self._waiting_for = set(self.controllers) | ({"recorder"} if self.recorded else set())
         if self.faulted:
@@ -80,15 +80,15 @@ class PlantNode(LocoNode):
         self._recorder_tick = -1
         self._held: RobotState | None = None
         self.started = self._finished = False
-        self._nudges: Any = None  # timer, while a controller comes back
-        self._reported = (0, 0, 0)  # ticks, late ticks and refused commands at the last report
+        self._nudges: Any = None  # timer, while a controller restarts
+        self._reported = (0, 0, 0)  # ticks, late ticks, refused commands at the last report
         self._late, self._published, self._began = 0, -1, time.perf_counter()
-        self._deadlines: Deadlines | None = None  # clock realtime, when it has begun
+        self._deadlines: Deadlines | None = None  # of clock realtime, once it has begun
         self._silent = False
-        self._looked_at, self._beside = -1, -math.inf  # tick then; time of another writer [s]
-        self._unreadable = -1, ""  # tick and fault of a command
-        self._grace: Any = None  # timer, while a right one may still come
-        self._commands: tuple[MotionCommand, TrunkTorque | None] | None = None  # newest
+        self._looked_at, self._beside = -1, -math.inf  # tick of last check; last other writer [s]
+        self._unreadable = -1, ""  # tick and error of an unreadable command
+        self._grace: Any = None  # timer, while a valid one may still arrive
+        self._commands: tuple[MotionCommand, TrunkTorque | None] | None = None  # newest commands
         self._estop = EmergencyStop(self, self._on_estop)
         self._heartbeat = Heartbeat(self, self.tick.heartbeat, self._estop.engage)
         self._make_safety()
@@ -97,34 +97,34 @@ class PlantNode(LocoNode):
         self.create_timer(LOOK, self._look_beside)
 
     def _make_safety(self) -> None:
-        """Limits and safe state of the robot that is simulated."""
+        """Create the limits and the safe state of the current robot."""
         robot = getattr(self.sim, "robot", None)
         is_limited = robot is not None and self._limits.enabled
         self._safety = Safety(robot, self._limits, 1.0 / self.rate) if is_limited else None
         self._fallback = Fallback(robot, self._stages, 1.0 / self.rate)
 
     def send(self, state: RobotState) -> None:
-        """Publish the state of a tick and what goes with it."""
+        """Publish the state of a tick and the accompanying messages."""
         raise NotImplementedError
 
     def advance(self, command: MotionCommand, trunk: TrunkTorque | None) -> RobotState:
-        """One control period of the plant."""
+        """Advance the plant by one control period."""
         return self.sim.step(command, trunk)
 
     def listen(
         self, readers: dict[str, Any], step: Callable, tick_of: Callable = loco_tick
     ) -> None:
-        """Hear commands; those that are stale or cannot be used are counted.
+        """Subscribe to commands; stale and invalid ones are counted.
 
         Args:
-            readers: Readers, as `join_by` takes them.
-            step: Step, as `join_by` takes it.
-            tick_of: Tick of a message, as `join_by` takes it; `newest` has the same unit.
+            readers: Readers, as in `join_by`.
+            step: Step, as in `join_by`.
+            tick_of: Tick of a message, as in `join_by`; `newest` has the same unit.
         """
         self._join = self.join_by(readers, step, tick_of, self.newest, self._refuse)
 
     def newest(self) -> int:
-        """Tick that a command may answer: the newest that was published, -1 before."""
+        """Newest published tick, which a command may answer; -1 before the first."""
         return self.state.tick if self.started else -1
 
     # ---- start
@@ -149,10 +149,10 @@ class PlantNode(LocoNode):
         self._publish(self.state)
 
     def _resume(self, node: str) -> None:
-        """A controller was started again: it has not seen the tick that we wait for.
+        """Resume after the restart of a controller, which has not received the current tick.
 
-        That tick is stepped in the safe state, after a while in which the endpoints meet,
-        and again until the commands come.
+        Ticks are stepped in the safe state at intervals, in which endpoints are matched, until
+        commands arrive.
         """
         self.event("resumed", f"{node} is back", self.state.tick, self.state.t)
         if not self.timed and self._nudges is None:
@@ -180,7 +180,7 @@ class PlantNode(LocoNode):
             self._step(command.tick)
 
     def _refuse(self, reason: str) -> None:
-        """A command cannot be used, so it is none; words say what is wrong with its form."""
+        """Treat an invalid command as missing; `reason` is "" unless its form is wrong."""
         if not reason and self._join.done == self.newest():
             self._on_lost(UInt64(data=self.state.tick))
         elif reason and self._grace is None and self.started:
@@ -188,10 +188,10 @@ class PlantNode(LocoNode):
             self._grace = self.create_timer(GRACE, self._judge_unreadable)
 
     def _judge_unreadable(self) -> None:
-        """End the run if no right command came in the place of one that cannot be read.
+        """End the run if no valid command replaced an unreadable one.
 
         Raises:
-            GraphError: The controller sends what this plant cannot read.
+            GraphError: The controller sends unreadable commands.
         """
         self._grace.cancel()
         self._grace = None
@@ -202,15 +202,15 @@ class PlantNode(LocoNode):
             raise GraphError(reason)
 
     def _on_lost(self, lost: UInt64) -> None:
-        """No command will come for a tick: without a clock that runs on, step now."""
+        """Handle a lost tick, which gets no command: step now, except with clock realtime."""
         if self.started and not self.timed and not self._finished:
             self._step(lost.data)
 
     def _look_beside(self) -> None:
-        """Step a tick whose messages another writer has pushed out of the queues of one.
+        """Step a tick whose messages were displaced by another writer from queues of length one.
 
-        Lockstep waits for them for good, and as long as a controller thinks; so this is only
-        done where another writer is, or was not long ago.
+        Otherwise lockstep would wait forever. A controller may take any time to answer, so this
+        is done only if there is, or recently was, another writer.
         """
         if any(self._has_stranger(row.name) for row in self.table.values() if row.paced):
             self._beside = time.monotonic()
@@ -229,13 +229,13 @@ class PlantNode(LocoNode):
 
     @property
     def deadline(self) -> float:
-        """Realtime: when the next tick is due [s]."""
+        """Time at which the next tick is due in clock realtime [s]."""
         if not self.timed or not self.started or self._finished:
             return math.inf
         return self._deadlines.next if self._deadlines else self._patient_until
 
     def on_deadline(self) -> None:
-        """Realtime: step what is due, with the newest commands there are."""
+        """Step the due ticks in clock realtime, with the newest commands."""
         if self._deadlines is None:
             self._begin()
         for _ in range(self._deadlines.due()):
@@ -247,12 +247,12 @@ class PlantNode(LocoNode):
         self._deadlines = Deadlines(self.rate, self.tick.catch_up)
 
     def _step(self, tick: int) -> None:
-        """Step the tick that we are at; nothing for another one."""
+        """Step the current tick; does nothing for other ticks."""
         if tick == self.state.tick and self._held is None:
             self._arrive(self.advance(*self._order()))
 
     def _order(self) -> tuple[Any, Any]:
-        """Arguments of `advance` now: the newest commands, or the safe state if they are too old.
+        """Arguments of `advance`: the newest commands, or the safe state if they are too old.
 
         To be called once in each tick.
         """
@@ -273,7 +273,7 @@ class PlantNode(LocoNode):
         return self._safety.limit(command, trunk) if self._safety else (command, trunk)
 
     def _safe(self) -> tuple[Any, Any]:
-        """Arguments of `advance` in the safe state; the next command is limited in rate."""
+        """Arguments of `advance` in the safe state; also limits the rate of the next command."""
         if self._safety:
             self._safety.resume(self.state)
         return self.safe_command()
@@ -286,7 +286,7 @@ class PlantNode(LocoNode):
         self.event(kind, text, *self.now())
 
     def _arrive(self, state: RobotState) -> None:
-        """A tick is over, with this state: judge it, publish it or end the run."""
+        """Handle the new state after a tick: check it, and publish it or end the run."""
         self.state = state
         if self._safety and (reason := self._safety.trip(self.state)):
             self._estop.engage(reason)
@@ -299,7 +299,7 @@ class PlantNode(LocoNode):
         self._publish(self.state)
 
     def _over(self) -> bool:
-        """Whether the run ends here; the last state is not published, as nobody answers it."""
+        """Whether the run ends; the last state is not published, since it is not answered."""
         s, fall_reason = self.state, self.sim.fallen
         if fall_reason and self.tick.stop_on_fall:
             self.event("fall", fall_reason, s.tick, s.t)
@@ -309,7 +309,7 @@ class PlantNode(LocoNode):
         return self._finished
 
     def ending(self) -> str:
-        """Text of a run that came to its end."""
+        """Message at the end of the run."""
         return f"{self.state.t:.1f} s simulated"
 
     def _on_recorder(self, status: RecorderStatus) -> None:
@@ -336,14 +336,14 @@ class PlantNode(LocoNode):
         self._finished = True
         self.publish_diagnostics()
         self.event("finished", text, self._published, self.state.t)
-        if self.tick.leave:  # others, the recorder too, hear the end before the process is gone
+        if self.tick.leave:  # other nodes receive the end before the process exits
             self.create_timer(1.0, lambda: signal.raise_signal(signal.SIGINT))
 
     # ---- reports
 
     def diagnose(self) -> dict[str, Any]:
         """Simulated time, real-time factor, late ticks and rejected commands."""
-        if not self.started:  # a driver that goes to its standing posture waits for nobody
+        if not self.started:  # a driver that approaches its standing posture waits for no command
             waits = ", ".join(sorted(self._waiting_for))
             return {"waiting for nodes": waits} if waits else {"silence": 0.0}
         wall = time.perf_counter() - self._began
@@ -370,5 +370,5 @@ class PlantNode(LocoNode):
         }
 
     def close(self) -> None:
-        """Disconnect from PyBullet."""
+        """Release the engine."""
         self.sim.close()

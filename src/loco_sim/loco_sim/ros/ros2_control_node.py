@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""ros2_control in the place of a controller: its commands, with the stamps of the robot's ticks."""
+"""Bridge for ros2_control as a controller: forwards its commands with the stamps of states."""
 
 from __future__ import annotations
 
@@ -12,15 +12,15 @@ from ..export.ros2_control import COMMANDS, STATES
 
 
 class Ros2ControlNode(Node):
-    """A guest that answers each state with the newest command of ros2_control.
+    """Plain node that answers each state with the newest command of ros2_control.
 
-    The topic-based hardware interface stamps commands with its own time; a plant wants the stamp
-    of the state that is answered. Until ros2_control has spoken nothing is answered, which the
-    plant takes for silence (docs/safety.md).
+    The topic-based hardware interface stamps commands with its own time; the plant needs the stamp
+    of the answered state. Before the first command of ros2_control states are not answered, which
+    the plant treats as missing commands (docs/safety.md).
     """
 
     def __init__(self) -> None:
-        super().__init__("reflex_network")  # the place it takes
+        super().__init__("reflex_network")  # name of the replaced node
         seal(self)
         self._newest: JointState | None = None
         self._command = self.create_publisher(JointState, "joint_command", 10)
@@ -33,7 +33,7 @@ class Ros2ControlNode(Node):
     def _answer(self, state: JointState) -> None:
         newest = self._newest
         if newest is not None:
-            # A torque drive of loco has its torque where others have a position.
+            # loco expects the torque of a torque drive in place of a position.
             position = newest.position or newest.effort
             answer = JointState(header=state.header, name=newest.name, position=position)
             self._command.publish(answer)

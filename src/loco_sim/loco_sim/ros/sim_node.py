@@ -26,7 +26,7 @@ __all__ = ["CLOCKS", "RobotSimNode", "TickParams"]
 
 
 class RobotSimNode(PlantNode):
-    """PyBullet plant behind the control topics."""
+    """Node of the simulated plant with the control topics of `loco_msgs`."""
 
     controllers = NODES
 
@@ -54,9 +54,9 @@ class RobotSimNode(PlantNode):
         self.announce_ready()
 
     def send(self, state: RobotState) -> None:
-        """Publish the state and what tools want."""
+        """Publish the state and the topics for tools."""
         truth = self.sim.ground_truth()
-        self._state_topic(self._pack(state))  # first: others wait for it
+        self._state_topic(self._pack(state))  # published first: controllers wait for it
         self._tools.publish(state, truth)
 
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Places of the links of a robot in the links that carry them, for viewers."""
+"""Transforms of the links of a robot relative to their parents, for viewers."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ HINGES, SLIDES = ("revolute", "continuous"), ("prismatic",)
 
 
 class Skeleton:
-    """Transforms between the links of a URDF, all joints at once.
+    """Transforms between the links of a URDF, computed for all joints at once.
 
     Args:
         robot: Robot with `urdf` and `joints`.
 
     Attributes:
-        links: Parent and child link of each joint of the URDF, j in its order.
-        base: Name of the link that no joint carries.
+        links: Parent and child link of each of the j joints of the URDF, in its order.
+        base: Name of the root link.
     """
 
     def __init__(self, robot: Any):
@@ -49,7 +49,7 @@ class Skeleton:
         self._paths = _rotate(self._turn[self._slides], axes[self._slides])
 
     def pose(self, q: np.ndarray) -> np.ndarray:
-        """Place x y z [m] and attitude x y z w of each child link in its parent, (j, 7).
+        """Position x y z [m] and orientation x y z w of each child link in its parent, (j, 7).
 
         Args:
             q: Joint positions in the robot's order [rad, m], (n,).
@@ -71,7 +71,7 @@ def _pick(moving: list, types: tuple[str, ...]) -> tuple[np.ndarray, np.ndarray]
 
 
 def _product(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Quaternion products of rows, (n, 4), x y z w: first turn by b, then by a."""
+    """Quaternion products of rows, (n, 4), x y z w: rotation by b, then by a."""
     av, aw, bv, bw = a[:, :3], a[:, 3:], b[:, :3], b[:, 3:]
     vector = aw * bv + bw * av + np.cross(av, bv)
     return np.concatenate((vector, aw * bw - np.sum(av * bv, axis=1, keepdims=True)), axis=1)
@@ -88,7 +88,7 @@ def _fixed_axes(rpy: np.ndarray) -> np.ndarray:
 
 
 def _rotate(turn: np.ndarray, v: np.ndarray) -> np.ndarray:
-    """Vectors (n, 3) turned by quaternions (n, 4)."""
+    """Vectors (n, 3) rotated by quaternions (n, 4)."""
     pure = np.concatenate((v, np.zeros((len(v), 1))), axis=1)
     back = turn * np.array([-1.0, -1.0, -1.0, 1.0])
     return _product(_product(turn, pure), back)[:, :3]

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Standard messages beside the fast path, for RViz, Foxglove and ``ros2 topic echo``.
+"""Publishers of standard messages for RViz, Foxglove and ``ros2 topic echo``.
 
-They repeat at a lower rate what `robot_state` says each tick; the parameter
-``tool_rate`` of the node raises it for users who build on them.
+They carry the contents of `robot_state` at a lower rate, which the parameter ``tool_rate`` of the
+node can increase.
 """
 
 from __future__ import annotations
@@ -16,16 +16,16 @@ from .encoders import encoders
 
 
 class ToolTopics:
-    """Publishes joint_states, imu/data, ground_truth/odom, /tf and /clock at their table rates.
+    """Publishers of joint_states, imu/data, ground_truth/odom, /tf and /clock at their table rates.
 
     Args:
         node: Node that owns the publishers.
-        robot: Robot that the messages are of.
+        robot: Robot described by the messages.
         rate: Control rate [Hz].
     """
 
     def __init__(self, node: LocoNode, robot: Robot, rate: float):
-        tool_rate = node.declare_parameter("tool_rate", 0.0).value  # 0: as in the table
+        tool_rate = node.declare_parameter("tool_rate", 0.0).value  # 0: rates of the table
         self._rows = []
         for name, encode in encoders(robot).items():
             wanted = topic(name).rate if name == "/clock" else tool_rate or topic(name).rate
@@ -33,7 +33,7 @@ class ToolTopics:
             self._rows.append((node.raw_output(name), encode, every))
 
     def publish(self, state: RobotState, truth: GroundTruth) -> None:
-        """Publish what is due at the tick of `state`."""
+        """Publish the messages due at the tick of `state`."""
         for publish, encode, every in self._rows:
             if state.tick % every == 0:
                 publish(encode(state, truth))

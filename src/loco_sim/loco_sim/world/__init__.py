@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The physics engine, the ground and pictures, behind one door."""
+"""Physics engines behind one interface, the ground, and rendering."""

@@ -1,12 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Speeds that joints will have after the next step, where their damping counts at that speed.
+"""Implicit damping for engines without it: prediction of joint speeds after the next step.
 
-For an engine that cannot solve such damping itself: it is told the speeds. One step of the
-motion is worked out with the mass matrix and with contacts where the engine saw them last:
+One step of the motion is solved with the mass matrix and the engine's latest contacts:
 
     (M + dt D) v' = M v + dt (tau + wanted - c) + J' f,    J v' >= 0 _|_ f, within friction,
 
-with D the gains of damping and c gravity and the other forces of motion.
+with D the damping gains and c the bias forces (gravity, Coriolis and centrifugal).
 """
 
 from __future__ import annotations
@@ -33,36 +32,36 @@ from ..drives.servo_kernels import GAIN, LIMIT, PASSIVE, WANTED
 from ..geometry import Triple, rotation_matrix
 from ..robot.description import Description
 
-MADE_OF = "d03b5f48e041"  # of the kernels called here: see tests/loco_sim/test_kernel_caches.py
+MADE_OF = "d03b5f48e041"  # of the called kernels, see tests/loco_sim/test_kernel_caches.py
 
-POINT, NORMAL, SPEED, GIVE, FRICTION, TOUCH = 0, 3, 6, 7, 8, 9  # columns of contacts, and how many
-SWEEPS = 50  # over the contacts, at most
-SETTLED = 1e-7  # they end when no speed changes by more [m/s]
+POINT, NORMAL, SPEED, GIVE, FRICTION, TOUCH = 0, 3, 6, 7, 8, 9  # columns of contacts, their number
+SWEEPS = 50  # largest number of iterations over the contacts
+SETTLED = 1e-7  # speed change below which the iterations end [m/s]
 
 
 class Contact(NamedTuple):
-    """A point where the robot touches the ground, or is about to."""
+    """A point of the robot in contact with the ground, or close to it."""
 
     link: str
-    point: Triple  # in the world [m]
-    normal: Triple  # of the ground
-    speed: float  # along the normal, at least [m/s]
-    give: float  # speed per impulse of a contact that is soft [1/kg]
+    point: Triple  # world frame [m]
+    normal: Triple  # normal of the ground
+    speed: float  # minimum speed along the normal [m/s]
+    give: float  # speed per impulse of a compliant contact [1/kg]
     friction: float
 
 
 class Ahead:
-    """A robot's next step, from its own equations of motion."""
+    """Prediction of a robot's next step from its equations of motion."""
 
     def __init__(
         self, description: Description, joints: tuple[str, ...], fixed: bool, gravity: Triple
     ):
-        """Take a robot over.
+        """Build the equations of motion of a robot.
 
         Args:
             description: The robot.
-            joints: All joints that move.
-            fixed: The base is bolted.
+            joints: All moving joints.
+            fixed: Whether the base is fixed.
             gravity: Acceleration of gravity [m/s²].
 
         Raises:
@@ -82,12 +81,12 @@ class Ahead:
         contacts: Sequence[Contact],
         dt: float,
     ) -> np.ndarray:
-        """Speeds after a step [rad/s], and torques of drives, NaN but where at the limit, (2, n).
+        """Speeds after a step [rad/s], and torques of drives at their limit, else NaN, (2, n).
 
         Args:
             motion: Joint positions [rad] and velocities [rad/s], (n,) each.
-            base: Place, orientation, velocity and angular velocity of the base, in the world.
-            tau: Torques beside those of the laws [N·m], (n,).
+            base: Position, orientation, velocity and angular velocity of the base, world frame.
+            tau: Torques in addition to those of `law` [N·m], (n,).
             law: Rows wanted, gain, limit and passive of `World.damped_step`, (4, n).
             contacts: Points where the robot touches the ground.
             dt: Step [s].
@@ -113,17 +112,17 @@ class Ahead:
 
 @njit(cache=True, error_model="numpy")
 def stepped(tree, gravity, state, law, bodies, touch, dt, room):
-    """Speeds after a step, and torques of drives, NaN but for those at their limit, (2, n).
+    """Speeds after a step, and torques of drives at their limit, else NaN, (2, n).
 
     Args:
         tree: `tree.Tree` of n joints, those of a free base among them.
         gravity: Acceleration of gravity [m/s²], (3,).
         state: Positions, velocities and torques, (3, n).
         law: Rows wanted, gain, limit and passive, (4, n).
-        bodies: Joint whose body touches, per contact, (k,).
-        touch: A row per contact, in columns as above, (k, TOUCH).
+        bodies: Joint of the body of each contact, (k,).
+        touch: Contacts, columns `POINT` to `FRICTION`, (k, TOUCH).
         dt: Step [s].
-        room: First two of `dynamics.workshop`.
+        room: First two arrays of `dynamics.workshop`.
     """
     links, matrix = room
     n, rows = len(law[0]), 3 * len(bodies)
@@ -163,7 +162,7 @@ def stepped(tree, gravity, state, law, bodies, touch, dt, room):
 
 @njit(cache=True, error_model="numpy")
 def directions(kin, links, bodies, touch):
-    """Speed of each contact along its normal and across it, per speed of each joint, (3 k, n)."""
+    """Jacobian of the contacts: normal and two tangential speeds per joint speed, (3 k, n)."""
     found = np.zeros((3 * len(bodies), len(kin)))
     for k in range(len(bodies)):
         point, normal = vector(touch, k, POINT), vector(touch, k, NORMAL)
@@ -187,12 +186,12 @@ def directions(kin, links, bodies, touch):
 
 @njit(cache=True, error_model="numpy")
 def settled(answer, speed, touch):
-    """Impulses of the contacts, by sweeps (3 k,).
+    """Impulses of the contacts, (3 k,), by Gauss-Seidel sweeps.
 
     Args:
-        answer: Speed of each row per impulse on each, (3 k, 3 k).
+        answer: Speed of each row per impulse of each row, (3 k, 3 k).
         speed: Speeds without impulses, (3 k,); changed.
-        touch: Contacts, a row each in the columns above, (k, TOUCH).
+        touch: Contacts, columns `POINT` to `FRICTION`, (k, TOUCH).
     """
     impulse = np.zeros(len(speed))
     for _ in range(SWEEPS):

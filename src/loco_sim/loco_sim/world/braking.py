@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The joints that the engine must brake, and those that a plain torque brakes as well.
+"""Division of joint friction into constraints of the engine and plain torques.
 
-A joint too fast to be stopped within one step gets its whole budget of friction: a
-torque against the motion, which costs nothing. Only the slow ones need the engine's
-constraint, a row more to solve for each.
+A joint too fast to be stopped within one step gets its whole friction as a torque against
+the motion, at no cost. Only slow joints need a constraint of the engine, which is one more
+row to solve for each.
 """
 
 from __future__ import annotations
@@ -11,14 +11,14 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-MARGIN = 4.0  # fast is: this many times what friction could stop in one step
+MARGIN = 4.0  # fast joint: speed above this multiple of what friction can stop in one step
 
 
 def stopped_per_torque(inertia: np.ndarray, dt: float) -> np.ndarray:
-    """Speed below which a joint counts as slow, per friction torque [rad/s / (N·m)], (n,).
+    """Limit speed of slow joints per friction torque [rad/s / (N·m)], (n,).
 
     Args:
-        inertia: Inertia that the joints feel [kg·m²], (n, n).
+        inertia: Joint-space inertia matrix [kg·m²], (n, n).
         dt: Physics step [s].
     """
     return MARGIN * dt * np.diag(np.linalg.inv(inertia))
@@ -26,7 +26,7 @@ def stopped_per_torque(inertia: np.ndarray, dt: float) -> np.ndarray:
 
 @njit(cache=True, error_model="numpy", forceinline=True)
 def split(budget, dq, slow):
-    """Stopping torque for the engine, and torque to apply [N·m], both (n,).
+    """Braking torque for the engine's constraints, and torque to apply [N·m], both (n,).
 
     Args:
         budget: Friction torque of each joint [N·m], (n,).

@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The plant's world in PyBullet: the only module that knows it.
+"""The plant's world in PyBullet; no other module uses PyBullet.
 
-PyBullet's habits that this module hides:
+Peculiarities of PyBullet that this module hides:
     * the base pose it reports is that of the centre of mass, along principal axes;
-    * torques and external forces last for one step and must be given again;
+    * torques and external forces are reset after each step;
     * torque limits of the URDF are not enforced (the caller clips);
-    * a world is bit-reproducible when it is rebuilt, not when it is set back.
+    * a world is bit-reproducible when rebuilt, but not when its state is reset.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ from .world import Base
 
 
 def _import_pybullet():
-    """PyBullet, without the build banner that it writes when it is loaded."""
+    """The module `pybullet`, imported without its build banner."""
     saved = [(stream, os.dup(stream)) for stream in (1, 2)]
     with open(os.devnull, "wb") as sink:
         try:
@@ -44,7 +44,7 @@ def _import_pybullet():
                 os.dup2(sink.fileno(), stream)
             import pybullet
 
-            ctypes.CDLL(None).fflush(None)  # the banner may wait in C's own buffer
+            ctypes.CDLL(None).fflush(None)  # the banner may be in C's buffer
         finally:
             for stream, copy in saved:
                 os.dup2(copy, stream)
@@ -54,35 +54,35 @@ def _import_pybullet():
 
 pybullet = _import_pybullet()
 
-FAR = 1e4  # the ground is near enough to be asked for [m]
-DEPTH_SHARE = 0.0  # of the depth of a rigid contact that is given back per step
-HARD = 1e12  # damping of a contact that shall be rigid again [N·s/m]
-GROUND_FRICTION = 1.0  # PyBullet multiplies the two; so the robot's is the contact's
+FAR = 1e4  # search distance for the ground [m]
+DEPTH_SHARE = 0.0  # share of the penetration of a rigid contact that is corrected per step
+HARD = 1e12  # damping that makes a compliant contact rigid again [N·s/m]
+GROUND_FRICTION = 1.0  # PyBullet multiplies both, so the contact has the robot's
 
 
 class _Client:
-    """The functions of PyBullet, each in one client: a world of its own."""
+    """The functions of PyBullet, bound to one client with its own world."""
 
     def __init__(self) -> None:
         self.number = pybullet.connect(pybullet.DIRECT)
 
     def __getattr__(self, name: str) -> Callable[..., Any]:
         function = partial(getattr(pybullet, name), physicsClientId=self.number)
-        setattr(self, name, function)  # next time it is found without asking here
+        setattr(self, name, function)  # cached as an attribute
         return function
 
 
 class World(world.World):
-    """A world in a PyBullet client of its own."""
+    """A world in a separate PyBullet client."""
 
     def __init__(self, robot: Robot, params: SimParams, dt: float):
         super().__init__(robot, params, dt)
-        # Without visual shapes loading takes half the time; pictures are drawn by `figure`.
+        # Without visual shapes, which `figure` draws, loading takes half the time.
         self._flags = pybullet.URDF_USE_INERTIA_FROM_FILE | pybullet.URDF_IGNORE_VISUAL_SHAPES
         self._client = _Client()
         self._disconnect = weakref.finalize(self, pybullet.disconnect, self._client.number)
         self._body = self._ground = -1
-        self._frames: dict[int, tuple[Triple, Rotation]] = {}  # of links, in this step
+        self._frames: dict[int, tuple[Triple, Rotation]] = {}  # of links, cached within a step
 
     def close(self) -> None:
         """Free the client; calling again does nothing."""
@@ -95,7 +95,7 @@ class World(world.World):
         for foot in self.robot.feet:
             shapes = self._client.getCollisionShapeData(self._body, self._links[foot])
             balls = self.description.balls(foot)
-            if len(balls) == len(shapes):  # spheres alone, or no shape
+            if len(balls) == len(shapes):  # only spheres, or no shape
                 ends = [self.place(foot, centre)[2] - radius for centre, radius in balls]
                 heights.append(min(ends, default=self.place(foot)[2]))
             else:
@@ -107,7 +107,7 @@ class World(world.World):
 
     def _load(self, height: float) -> None:
         c, p = self._client, self.params
-        self._slow: np.ndarray | None = None  # no joint has been braked yet
+        self._slow: np.ndarray | None = None  # until a joint is braked
         self._drag: list[float] | None = None
         self._motor = self._still = [0.0] * len(self.robot.joints)
         self._ahead: Ahead | None = None
@@ -137,7 +137,7 @@ class World(world.World):
         self._set_contacts()
 
     def _given(self) -> Description:
-        """The robot with rotors as parts of the links that they drive: the engine has no others."""
+        """The robot with rotor inertias added to the driven links, as PyBullet has no armature."""
         if not self.armature:
             return self.description
         made = Description(self.description.text())
@@ -146,7 +146,7 @@ class World(world.World):
         return made
 
     def _make_ground(self) -> int:
-        """Plane or terrain; PyBullet puts the middle between lowest and highest at its origin."""
+        """Plane or terrain; PyBullet centres the range of heights at the origin of the terrain."""
         c, terrain = self._client, self.terrain
         if terrain is None:
             return self._make_plane()
@@ -193,9 +193,9 @@ class World(world.World):
         self._com, self._com_turn_back = inertial[3], (-x, -y, -z, w)
 
     def _set_contacts(self) -> None:
-        """Friction and softness of every link; no damping by air, no falling asleep.
+        """Set friction and compliance of every link; disable air damping and sleeping.
 
-        Friction is ignored when damping or activation are in the same call.
+        PyBullet ignores friction if damping or activation are set in the same call.
         """
         c, body, p = self._client, self._body, self.params
         c.changeDynamics(body, -1, linearDamping=0.0, angularDamping=0.0)
@@ -218,7 +218,7 @@ class World(world.World):
             self._client.resetJointState(self._body, joint, float(value))
 
     def pose(self, position: Triple, orientation: Sequence[float], q: Sequence[float]) -> None:
-        """Put the robot somewhere: base frame [m], x y z w, and joint positions [rad], (n,)."""
+        """Set the pose: base position [m], orientation x y z w, and joint positions [rad], (n,)."""
         x, y, z, w = self._com_turn_back
         offset = rotate(rotation_matrix(orientation), self._com)
         com = [float(p + a) for p, a in zip(position, offset, strict=True)]
@@ -253,7 +253,7 @@ class World(world.World):
         self._advance([*tau, *self._bending()])
 
     def _bending(self) -> list[float]:
-        """Torques of the springs of the hinges [N·m]."""
+        """Torques of the springs of hinges [N·m]."""
         if not self.hinges:
             return []
         springs = zip(self.hinges.values(), self._bent, self._hung, strict=True)
@@ -270,8 +270,8 @@ class World(world.World):
     def damped_step(self, tau: Sequence[float], law: np.ndarray) -> tuple:
         """As `world.World.damped_step`.
 
-        The engine has no damping at the speed after a step, so that speed is worked out
-        (`ahead`), and the torque that follows is applied.
+        PyBullet has no implicit damping, so the speed after the step is predicted (`ahead`), and
+        the corresponding torque is applied.
         """
         n, (wanted, gain, _, passive) = len(tau), law
         if self._ahead is None:
@@ -291,7 +291,7 @@ class World(world.World):
         return drive, speed
 
     def _touching(self) -> list[Contact]:
-        """Contacts of the robot with the ground, now or in this step."""
+        """Contacts of the robot with the ground, including those expected in this step."""
         found, dt, p = [], self.dt, self.params
         for near in self._client.getContactPoints(self._body, self._ground):
             link, distance = self._links_by_index[near[3]], near[8]
@@ -305,18 +305,18 @@ class World(world.World):
         return found
 
     def brake(self, budget: np.ndarray, dq: np.ndarray) -> None:
-        """Let each joint be stopped by up to this torque from now on.
+        """Brake each joint by up to this torque from now on.
 
-        The engine solves it with the contacts: a constraint of zero velocity whose
-        torque is at most the budget. A joint that is too fast to be stopped in one step
-        gets all of it as a torque, which is the same (`braking`).
+        The engine solves it with the contacts, as a constraint of zero velocity with the
+        budget as torque limit. A joint that is too fast to be stopped in one step gets the
+        full budget as a torque, which is equivalent (`braking`).
         """
         if self._slow is None:
             if not budget.any():
                 return
             inertia = self.joint_inertia(self.joint_states()[0])
             self._slow = braking.stopped_per_torque(inertia, self.dt)
-            # Else iterations end early and held joints creep.
+            # Otherwise iterations end early and braked joints creep.
             self._client.setPhysicsEngineParameter(solverResidualThreshold=1e-10)
         motor, drag = braking.split(budget, dq, self._slow)
         self._drag, motor = drag.tolist(), motor.tolist()
@@ -336,7 +336,7 @@ class World(world.World):
 
     def set_softness(self, link: str, stiffness: float, damping: float) -> None:
         self.contact[link] = stiffness, damping
-        if stiffness <= 0.0:  # PyBullet does not forget that it is a spring
+        if stiffness <= 0.0:  # PyBullet cannot remove the spring
             stiffness, damping = 1.0, HARD
         self._client.changeDynamics(
             self._body, self._links[link], contactStiffness=stiffness, contactDamping=damping
@@ -365,7 +365,7 @@ class World(world.World):
         com, turn = self._client.getBasePositionAndOrientation(self._body)
         (vx, vy, vz), omega = self._client.getBaseVelocity(self._body)
         orientation = multiply(turn, self._com_turn_back)
-        ax, ay, az = rotate(rotation_matrix(orientation), self._com)  # origin to com, in world
+        ax, ay, az = rotate(rotation_matrix(orientation), self._com)  # origin to com, world
         wx, wy, wz = omega
         velocity = (vx - wy * az + wz * ay, vy - wz * ax + wx * az, vz - wx * ay + wy * ax)
         return Base((com[0] - ax, com[1] - ay, com[2] - az), orientation, velocity, omega)
@@ -387,14 +387,14 @@ class World(world.World):
         return x + ox, y + oy, z + oz
 
     def _frame(self, link: int) -> tuple[Triple, Rotation]:
-        """Origin and rotation of a link's frame in the world; the same within a step."""
+        """Origin and rotation of a link's frame in the world, cached within a step."""
         if link in self._frames:
             return self._frames[link]
         if link < 0:
             com, turn = self._client.getBasePositionAndOrientation(self._body)
             local, back = self._com, self._com_turn_back
         else:
-            # The link's frame itself is given in single precision only.
+            # PyBullet returns the link's frame itself in single precision only.
             com, turn, local, (x, y, z, w) = self._client.getLinkState(
                 self._body, link, computeForwardKinematics=1
             )[:4]
@@ -404,14 +404,14 @@ class World(world.World):
         self._frames[link] = (cx - lx, cy - ly, cz - lz), matrix
         return self._frames[link]
 
-    # ---- questions asked rarely --------------------------------------------------
+    # ---- rarely used-----------------------------------------------
 
     def lowest_points(self) -> dict[str, Triple]:
-        """Lowest point of each link that can collide, in world [m]; of convex hulls, for meshes."""
+        """Lowest point of each collision link, world frame [m]; of convex hulls for meshes."""
         c = self._client
         names = {index: name for name, index in self._links.items()}
         found: dict[str, Triple] = {}
-        # What is near to a height field is not what is low, and each of its triangles is tried.
+        # The point nearest to a height field is not the lowest, and the search is slow.
         plane = self._ground if self.terrain is None else self._make_plane()
         for near in c.getClosestPoints(self._body, plane, FAR):
             name, point = names[near[3]], near[5]
@@ -434,7 +434,7 @@ class World(world.World):
                     body, link, computeLinkVelocity=1, computeForwardKinematics=1
                 )
                 at, turn, velocity, spin = state[0], state[1], state[6], state[7]
-            own = rotate_back(rotation_matrix(turn), spin)  # along the principal axes
+            own = rotate_back(rotation_matrix(turn), spin)  # along principal axes
             potential -= mass * float(np.dot(self.pull, at))
             kinetic += 0.5 * mass * float(np.dot(velocity, velocity))
             kinetic += 0.5 * float(np.dot(moments, np.square(own)))
@@ -453,7 +453,7 @@ class World(world.World):
 
 
 def _with_own_meshes(text: str, folder: Path) -> str:
-    """The URDF without what is only seen, its meshes read by us and written anew in a folder."""
+    """The URDF without visual shapes, with meshes validated and rewritten to a folder."""
     if "<mesh" not in text:
         return text
     root = ET.fromstring(text)

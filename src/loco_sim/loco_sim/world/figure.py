@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The robot as a picture shows it: the visual shapes of its URDF, drawn without an engine.
+"""Rendering of the visual shapes of a robot's URDF without an engine.
 
-A `Figure` holds the shapes as triangles, moves them with the joints and draws them by a
-compiled z-buffer. Shapes whose mesh cannot be read are left out; a robot without any is drawn as
-sticks between its joints and balls where its masses are.
+A `Figure` holds the shapes as triangles, moves them with the joints and draws them by a compiled
+z-buffer. Shapes with unreadable meshes are omitted; a robot without shapes is drawn as sticks
+between its joints and balls at its masses.
 """
 
 from __future__ import annotations
@@ -24,17 +24,17 @@ from ..robot.robot import Robot
 from ..robot.urdf_check import mass_of
 
 GREY = (0.72, 0.74, 0.77)  # of shapes without a colour
-AMBIENT, DIFFUSE = 0.62, 0.45  # light from everywhere, and from the sun
-THIN = 1e-3  # least radius of a stick, and the shortest that is drawn [m]
-WATER = 1000.0  # density of the balls that stand for masses [kg/m³]
-NEAR = 1e-3  # a triangle with a corner behind the camera is not drawn
+AMBIENT, DIFFUSE = 0.62, 0.45  # intensities of ambient and directional light
+THIN = 1e-3  # smallest radius and length of a drawn stick [m]
+WATER = 1000.0  # density of the balls that represent masses [kg/m³]
+NEAR = 1e-3  # near plane: triangles with a corner behind it are not drawn
 
 
 class Figure:
-    """Visual shapes of a robot, that are posed and drawn.
+    """Visual shapes of a robot at a pose, which can be drawn.
 
     Args:
-        robot: The robot; a link without visual shapes shows those it collides with, and a robot
+        robot: The robot; links without visual shapes show their collision shapes, and a robot
             without shapes is drawn by its joints and masses.
     """
 
@@ -66,7 +66,7 @@ class Figure:
         return {n: (self._corners[r], self._paint[r]) for n, r in rows.items() if r.any()}
 
     def pose(self, position: Triple, orientation: Sequence[float], q: Sequence[float]) -> None:
-        """Put the robot somewhere.
+        """Set the pose of the robot.
 
         Args:
             position: Origin of the base in the world [m].
@@ -81,7 +81,7 @@ class Figure:
         self._world += places[self._owner][:, None]
 
     def corners(self, margin: float = 0.08) -> np.ndarray:
-        """Corners of boxes around the shapes, in world [m], (8 n, 3).
+        """Corners of bounding boxes of the shapes, world frame [m], (8 n, 3).
 
         Args:
             margin: Distance added on all sides [m].
@@ -96,7 +96,7 @@ class Figure:
     def picture(
         self, view: np.ndarray, projection: np.ndarray, size: tuple[int, int], light: Triple
     ) -> tuple[np.ndarray, np.ndarray]:
-        """The robot alone, drawn in software.
+        """Image of the robot alone, rendered in software.
 
         Args:
             view: World to camera, OpenGL convention, (4, 4).
@@ -105,7 +105,7 @@ class Figure:
             light: Direction towards the light, world frame.
 
         Returns:
-            Colours (height, width, 3) in [0, 1] and where the robot is (height, width) bool.
+            Colours (height, width, 3) in [0, 1] and mask of the robot (height, width) bool.
         """
         edges = self._world[:, 1:] - self._world[:, :1]
         normal = np.cross(edges[:, 0], edges[:, 1])
@@ -118,9 +118,9 @@ class Figure:
 
 
 def _sticks(root: ET.Element) -> Iterator[tuple[str, np.ndarray]]:
-    """Links, and triangles in their frames [m], (t, 3, 3): sticks to the joints and to the mass.
+    """Link names, with triangles in the link frame [m], (t, 3, 3): sticks to joints and mass.
 
-    A mass is a ball of water of that mass.
+    A mass is drawn as a ball of water of that mass.
     """
     for joint in root.findall("joint"):
         end = origin_of(joint)[1]
@@ -161,7 +161,7 @@ def _mesh(kind: ET.Element, folder: Path) -> np.ndarray | None:
     create = trimesh.creation
     if kind.tag == "box":
         return create.box([float(v) for v in kind.get("size", "0 0 0").split()]).triangles
-    if kind.tag == "sphere" and number("radius") == 0.0:  # a point, as some toes are
+    if kind.tag == "sphere" and number("radius") == 0.0:  # a point, used as a toe
         return None
     if kind.tag == "sphere":
         return create.icosphere(2, number("radius")).triangles
@@ -180,7 +180,7 @@ def _mesh(kind: ET.Element, folder: Path) -> np.ndarray | None:
 
 
 def _colour(shape: ET.Element, named: dict) -> tuple[float, ...]:
-    """Colour of a shape, by its own material or the robot's of that name, (3,)."""
+    """Colour of a shape, (3,), from its own material or the robot's material of that name."""
     material = shape.find("material")
     if material is not None and material.find("color") is None:
         material = named.get(material.get("name"))
@@ -201,7 +201,7 @@ def rasterise(clip, paint, width, height):
         height: Height [pixel].
 
     Returns:
-        Colours (height, width, 3) and where a triangle is, (height, width) bool.
+        Colours (height, width, 3) and mask of the triangles, (height, width) bool.
     """
     image = np.zeros((height, width, 3))
     depth = np.full((height, width), np.inf)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Inertia that joints feel, and springs of the hinges that effects put into links."""
+"""Effective inertia at joints, and springs of the hinges that effects add within links."""
 
 from __future__ import annotations
 
@@ -8,14 +8,14 @@ from numba import njit
 
 
 def felt(mass: np.ndarray, own: list[int], free: list[int]) -> np.ndarray:
-    """Inertia that some coordinates feel while others follow without being held, (n, n).
+    """Effective inertia of some coordinates while others move freely, (n, n).
 
     M_qq - M_qb M_bb^-1 M_bq.
 
     Args:
         mass: Mass matrix of all coordinates [kg·m²], (m, m).
-        own: Rows of the coordinates that feel, n of them.
-        free: Rows of those that follow.
+        own: Indices of the n coordinates.
+        free: Indices of the freely moving coordinates.
     """
     joints, cross = mass[np.ix_(own, own)], mass[np.ix_(own, free)]
     if not free:
@@ -24,11 +24,11 @@ def felt(mass: np.ndarray, own: list[int], free: list[int]) -> np.ndarray:
 
 
 def inertia(mass: np.ndarray, rows: list[int]) -> list[float]:
-    """Inertia that each hinge feels when all else is free to move [kg·m²].
+    """Effective inertia at each hinge while all other coordinates move freely [kg·m²].
 
     Args:
         mass: Mass matrix of all coordinates [kg·m²], (m, m).
-        rows: Rows of the hinges.
+        rows: Indices of the hinges.
     """
     free = np.diag(np.linalg.inv(mass))
     return [1.0 / float(free[row]) for row in rows]
@@ -38,12 +38,12 @@ def inertia(mass: np.ndarray, rows: list[int]) -> list[float]:
 def torque(
     spring: tuple[float, float], state: tuple[float, float], inertia: float, dt: float
 ) -> float:
-    """Torque of spring and damper of a hinge, implicit: stable however stiff [N·m].
+    """Implicit torque of spring and damper of a hinge, stable for any stiffness [N·m].
 
     Args:
         spring: Stiffness [N·m/rad] and damping [N·m·s/rad].
         state: Angle [rad] and velocity [rad/s].
-        inertia: Least inertia that the hinge feels [kg·m²].
+        inertia: Smallest effective inertia at the hinge [kg·m²].
         dt: Physics step [s].
     """
     (k, d), (angle, rate) = spring, state

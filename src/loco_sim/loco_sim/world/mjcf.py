@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The URDF of a robot that is written in MuJoCo's format, by MuJoCo's own reader.
+"""Conversion of MJCF files to URDF, with MuJoCo's own reader.
 
-A body becomes a link whose frame sits at the anchor of its last joint; each further joint of a
-body adds a link without mass in between. Joint positions count as in MuJoCo, from `ref` on.
+A body becomes a link with its frame at the anchor of its last joint; each further joint of a
+body adds a massless link in between. Joint positions are those of MuJoCo, including `ref`.
 """
 
 from __future__ import annotations
@@ -36,38 +36,38 @@ Note = Callable[[str, str], None]
 
 @dataclass(frozen=True)
 class Pose:
-    """A place and a rotation in another frame."""
+    """Position and rotation relative to another frame."""
 
     at: np.ndarray = field(default_factory=lambda: np.zeros(3))
     turn: np.ndarray = field(default_factory=lambda: np.eye(3))
 
     def then(self, other: Pose) -> Pose:
-        """The pose of what has the pose `other` in this one."""
+        """Composition of poses: `other`, given in this frame, relative to the outer frame."""
         return Pose(self.at + self.turn @ other.at, self.turn @ other.turn)
 
     def inverse(self) -> Pose:
-        """The pose of the outer frame in this one."""
+        """Pose of the outer frame relative to this one."""
         return Pose(-self.turn.T @ self.at, self.turn.T)
 
 
 def to_urdf(path: Path, note: Note) -> tuple[ET.Element, Rotors]:
-    """The robot of an MJCF: the tree of bodies with the most joints.
+    """URDF of the robot in an MJCF: the tree of bodies with the most joints.
 
     Args:
         path: The MJCF.
-        note: Is called with a sentence about what was left out, and a name.
+        note: Function called with a sentence about an omitted part, and its name.
 
     Returns:
-        Element of a URDF, and what a URDF cannot say.
+        Root element of a URDF, and joint properties that a URDF cannot hold.
 
     Raises:
-        ParameterError: MuJoCo cannot read it.
+        ParameterError: MuJoCo cannot read the file.
     """
     try:
         spec = mujoco.MjSpec.from_file(str(path))
         _without_files(spec, path.resolve().parent, note)
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # of attributes that MuJoCo will drop one day
+            warnings.simplefilter("ignore")  # about deprecated attributes
             model = spec.compile()
     except (ValueError, RuntimeError) as error:
         lines = [line.strip() for line in str(error).splitlines() if line.strip()]
@@ -76,7 +76,7 @@ def to_urdf(path: Path, note: Note) -> tuple[ET.Element, Rotors]:
 
 
 def _without_files(spec: mujoco.MjSpec, folder: Path, note: Note) -> None:
-    """Take out pictures, and shapes whose files are not there."""
+    """Remove textures, and shapes with missing files."""
     for part in (*spec.geoms, *spec.sites, *spec.tendons):
         part.material = ""
     for part in (*spec.skins, *spec.materials, *spec.textures):
@@ -103,16 +103,16 @@ def _there(spec: mujoco.MjSpec, folder: Path, file: str) -> bool:
 
 
 class _Writer:
-    """Walks through a model and writes links and joints."""
+    """Traversal of a model that writes links and joints."""
 
     def __init__(self, spec: mujoco.MjSpec, model: mujoco.MjModel, folder: Path, note: Note):
         self._spec, self._model, self._folder, self._note = spec, model, folder, note
         self._root = ET.Element("robot", name=spec.modelname or "robot")
-        self._rotors, self._frames = Rotors(), {0: Pose()}  # of a body in the frame of its link
+        self._rotors, self._frames = Rotors(), {0: Pose()}  # of bodies relative to their links
         self._limits = self._efforts()
 
     def written(self) -> tuple[ET.Element, Rotors]:
-        """The URDF and what it cannot say."""
+        """The URDF, and joint properties that it cannot hold."""
         model = self._model
         trees = self._trees()
         main = max(trees, key=lambda top: len(self._joints(trees[top])), default=None)
@@ -139,7 +139,7 @@ class _Writer:
     # ---- the tree
 
     def _trees(self) -> dict[int, list[int]]:
-        """Bodies of each tree, from its top outwards, by the top."""
+        """Bodies of each tree, from its root outwards, by root."""
         trees: dict[int, list[int]] = {}
         for body in range(1, self._model.nbody):
             trees.setdefault(int(self._model.body_rootid[body]), []).append(body)
@@ -153,7 +153,7 @@ class _Writer:
         return any(self._model.jnt_type[j] == mujoco.mjtJoint.mjJNT_FREE for j in self._own(body))
 
     def _joints(self, bodies: list[int]) -> list[int]:
-        """Joints of bodies that are not free ones."""
+        """Joints of bodies, except free joints."""
         own = [j for body in bodies for j in self._own(body)]
         return [j for j in own if self._model.jnt_type[j] != mujoco.mjtJoint.mjJNT_FREE]
 
@@ -199,7 +199,7 @@ class _Writer:
         return joint
 
     def _add_joint(self, joint: int, parent: str, child: str, pending: Pose) -> Pose:
-        """Add a joint; the frame of the body behind it in the frame of the link behind it."""
+        """Add a joint; the pose of its child body in the frame of its child link."""
         model, name = self._model, self._joint_name(joint)
         kind, axis, anchor = (
             KINDS[int(model.jnt_type[joint])],
@@ -236,7 +236,7 @@ class _Writer:
         return back
 
     def _mimic(self, joint: int, element: ET.Element) -> None:
-        """Couple a joint to the one that an equality of MuJoCo names."""
+        """Add ``<mimic>`` to a joint that a MuJoCo equality couples to another."""
         model = self._model
         for k in range(model.neq):
             if model.eq_type[k] != mujoco.mjtEq.mjEQ_JOINT or model.eq_obj1id[k] != joint:
@@ -255,7 +255,7 @@ class _Writer:
                 offset=f"{own + data[0] - data[1] * other:.9g}",
             )  # fmt: skip
 
-    # ---- what a link is made of
+    # ---- contents of links
 
     def _weigh(self, body: int, link: ET.Element) -> None:
         model = self._model
@@ -272,7 +272,7 @@ class _Writer:
             element.set(key, f"{value:.12g}")
 
     def _shape(self, geom: int, link: ET.Element, frame: Pose) -> None:
-        """Add a shape: one that touches nothing is there to be seen."""
+        """Add a shape; as visual if it has no contacts."""
         model, kind = self._model, self._model.geom_type[geom]
         place = Pose(model.geom_pos[geom], _turn(model.geom_quat[geom]))
         size, body = model.geom_size[geom], None
@@ -298,7 +298,7 @@ class _Writer:
         ET.SubElement(shape, "geometry").append(body)
 
     def _mesh(self, mesh: int, place: Pose) -> tuple[ET.Element | None, Pose]:
-        """Element of a mesh, and its pose: MuJoCo moves meshes to their centre of mass."""
+        """Element of a mesh, and its pose, corrected for MuJoCo's shift to the centre of mass."""
         model = self._model
         written = self._spec.meshes[mesh]
         if not written.file:
@@ -308,7 +308,7 @@ class _Writer:
         body = ET.Element("mesh", filename=str(path), scale=_text(model.mesh_scale[mesh]))
         return body, place.then(moved.inverse())
 
-    # ---- what drives it, and what is left out
+    # ---- actuators, and omitted parts
 
     def _efforts(self) -> dict[str, float]:
         """Effort limit of each joint with an actuator [N·m or N], 0 if it has none."""
@@ -330,7 +330,7 @@ class _Writer:
         return found
 
     def _leave_out(self) -> None:
-        """Notes about parts of the model that no URDF has."""
+        """Note parts of the model that a URDF cannot hold."""
         model = self._model
         for k in range(model.neq):
             kind, ends = model.eq_type[k], (int(model.eq_obj1id[k]), int(model.eq_obj2id[k]))
@@ -348,7 +348,7 @@ class _Writer:
 
 
 def _turn(quat: np.ndarray) -> np.ndarray:
-    """Rotation of a quaternion w x y z, (3, 3)."""
+    """Rotation matrix of a quaternion w x y z, (3, 3)."""
     matrix = np.zeros(9)
     mujoco.mju_quat2Mat(matrix, np.asarray(quat, float))
     return matrix.reshape(3, 3)

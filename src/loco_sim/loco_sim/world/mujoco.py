@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The plant's world in MuJoCo: the only module that knows it.
+"""The plant's world in MuJoCo.
 
-MuJoCo's habits that this module hides:
-    * links without a joint melt into their parents unless it is told not to;
-    * quaternions are w x y z, and the spin of a free body is in its own frame;
-    * frames of links are those of the start of the last step until they are asked anew;
-    * of two touching surfaces the larger friction counts: the ground has none of its own;
+Peculiarities of MuJoCo that this module hides:
+    * links without a joint are merged into their parents by default;
+    * quaternions are w x y z, and the angular velocity of a free body is in its own frame;
+    * frames of links are those of the start of the last step until recomputed;
+    * the larger friction of two surfaces applies, so the ground has friction 0;
     * a contact is a spring and damper whose constants are scaled by the inverse mass of what
       touches: `_softness` takes that scale out again.
 """
@@ -28,17 +28,17 @@ from . import hinges, world
 from .mujoco_model import body_of, compiled, dates, link_of, lowest_point, plan
 from .world import Base, Handles
 
-RIGID = (0.95, 0.99, 0.001, 0.5, 2.0)  # MuJoCo's solimp of contacts that are not springs
-STOP = (0.9999, 0.9999, 0.001, 0.5, 2.0)  # of joint stops and dry friction, which hardly give way
-LEAST = 1e-4  # MuJoCo keeps the impedance of contacts this far from 0 and 1
-IMPEDANCE_RATIO = 10.0  # friction constraints are this much stiffer than normal, rigid ones
-LIBRARIES = "libmujoco.", "mujoco.dll"  # the engine's library, beside its Python module
+RIGID = (0.95, 0.99, 0.001, 0.5, 2.0)  # MuJoCo's solimp of rigid contacts
+STOP = (0.9999, 0.9999, 0.001, 0.5, 2.0)  # solimp of joint stops and dry friction, nearly rigid
+LEAST = 1e-4  # distance of contact impedances from 0 and 1 that MuJoCo enforces
+IMPEDANCE_RATIO = 10.0  # stiffness of friction constraints / normal rigid constraints
+LIBRARIES = "libmujoco.", "mujoco.dll"  # the engine's library in the folder of its Python module
 BAD = int(mujoco.mjtWarning.mjWARN_BADQACC)
-QUIET = 1  # MuJoCo prints the first warning of a kind; this many are said to have been
+QUIET = 1  # initial count of warnings, since MuJoCo prints the first one
 
 
 class World(world.World):
-    """A world with a MuJoCo model of its own."""
+    """A world with its own MuJoCo model."""
 
     # ---- building ----------------------------------------------------------------
 
@@ -84,7 +84,7 @@ class World(world.World):
         self._lift(height)
 
     def _index(self) -> None:
-        """Look up joints and links by name; friction in joints is the effects' business."""
+        """Look up joints and links by name; joint friction is left to effects."""
         m = self._model
         self._bodies = {link_of(m.body(i).name): i for i in range(1, m.nbody)}
         by_name = {m.joint(i).name: i for i in range(m.njnt)}
@@ -100,16 +100,16 @@ class World(world.World):
             m.dof_armature[m.jnt_dofadr[by_name[joint]]] = inertia
         if self.armature:
             mujoco.mj_setConst(m, self._data)
-        m.dof_solref[:] = m.jnt_solref[:] = 2.0 * self.dt, 1.0  # as stiff as a step allows
+        m.dof_solref[:] = m.jnt_solref[:] = 2.0 * self.dt, 1.0  # as stiff as the step allows
         m.dof_solimp[:] = m.jnt_solimp[:] = STOP
         self._braked = self._pushed = False
         self._fresh = False
 
     def _set_contacts(self) -> None:
-        """Friction and softness of every link.
+        """Set friction and compliance of every link.
 
-        Soft ground gives way along its normal alone: MuJoCo would soften friction with it, and
-        feet would creep. Its friction stays at least as stiff as on rigid ground.
+        Soft ground is compliant along its normal only: MuJoCo would also soften friction, and
+        feet would creep. Friction is at least as stiff as on rigid ground.
         """
         m, p = self._model, self.params
         for name in self._bodies:
@@ -125,7 +125,7 @@ class World(world.World):
         m.opt.impratio = IMPEDANCE_RATIO * (1.0 / softest - 1.0) / (1.0 / RIGID[0] - 1.0)
 
     def _softness(self, body: int, soft: tuple[float, float]) -> tuple:
-        """MuJoCo's solref and solimp of a link whose contacts are springs, or rigid.
+        """MuJoCo's solref and solimp of a link with compliant or rigid contacts.
 
         A contact of inverse mass w and constant impedance d obeys, with solref (-s, -b),
         f = -(s r + b v) / (w (1 - d)) - a d / (w (1 - d)). A spring K and a damper D that
@@ -146,7 +146,7 @@ class World(world.World):
         return min(points[f][2] if f in points else self.place(f)[2] for f in self.robot.feet)
 
     def lowest_points(self) -> dict[str, Triple]:
-        """Lowest point of each link that can collide, in world [m]; of convex hulls, for meshes."""
+        """Lowest point of each collision link, world frame [m]; of convex hulls for meshes."""
         self._look()
         found: dict[str, Triple] = {}
         for link, body in self._bodies.items():
@@ -157,7 +157,7 @@ class World(world.World):
         return found
 
     def _lift(self, height: float) -> None:
-        """Put the base at a height [m]."""
+        """Set the height of the base [m]."""
         if self.robot.fixed_base:
             self._model.body_pos[self._root, 2] = height
         else:
@@ -190,7 +190,7 @@ class World(world.World):
         self._fresh = False
 
     def pose(self, position: Triple, orientation: Sequence[float], q: Sequence[float]) -> None:
-        """Put the base frame and the joints somewhere, at rest."""
+        """Set the pose of the base frame and the joint positions, at rest."""
         x, y, z, w = orientation
         if self.robot.fixed_base:
             self._model.body_pos[self._root] = position
@@ -213,17 +213,17 @@ class World(world.World):
         self._tidy()
 
     def _apply(self, tau: Sequence[float]) -> None:
-        """Give the joints these torques, and the hinges those of their springs."""
+        """Apply joint torques, and spring torques of hinges."""
         if self.hinges:
             springs = zip(self.hinges.values(), self._bent, self._hung, strict=True)
             tau = [*tau, *(hinges.torque(*spring, self.dt) for spring in springs)]
         self._data.qfrc_applied[self._dof] = tau
 
     def damped_step(self, tau: Sequence[float], law: np.ndarray) -> tuple:
-        """As `world.World.damped_step`: damping is solved exactly, as inertia kd dt would be.
+        """As `world.World.damped_step`; implicit damping is represented as an inertia kd dt.
 
         (M + dt D) a = tau - D v + ... is M a = tau - D (v + dt a) + ..., for contacts as well.
-        A drive that would give more than its limit gives its limit; then all is solved again.
+        Drives that exceed their limit are set to the limit, and the step is solved again.
 
         Raises:
             DivergedError: The state is no longer finite.
@@ -231,14 +231,14 @@ class World(world.World):
         wanted, gain, limit, passive = law
         m, data, at = self._model, self._data, self._dq_at
         before, armature, diagonal = data.qvel[at], m.dof_armature[at], m.dof_M0[at]
-        most = np.full(len(at), np.nan)  # torque of the drives that are at their limit
+        most = np.full(len(at), np.nan)  # torque of the drives at their limit
         while True:
             free = np.isnan(most)
             slope = np.where(free, gain, 0.0) + passive
             given = np.where(free, wanted, most)
             self._apply((tau + given - slope * before).tolist())
             m.dof_armature[at] = armature + self.dt * slope
-            m.dof_M0[at] = diagonal + self.dt * slope  # of joints whose inertia never changes
+            m.dof_M0[at] = diagonal + self.dt * slope  # for joints with constant inertia
             mujoco.mj_forward(m, data)
             asked = wanted - gain * (before + self.dt * data.qacc[at])
             over = free & (np.abs(asked) > limit)
@@ -253,7 +253,7 @@ class World(world.World):
         return np.where(free, np.clip(wanted - gain * after, -limit, limit), most), after
 
     def _tidy(self) -> None:
-        """Do what each step leaves to do."""
+        """Common actions after each step."""
         data = self._data
         self._fresh = False
         if self._pushed:
@@ -343,15 +343,15 @@ class World(world.World):
         self._fresh = False
 
     def _look(self) -> None:
-        """Frames of all links at the present state; once per step."""
+        """Compute the frames of all links at the current state, once per step."""
         if not self._fresh:
             mujoco.mj_kinematics(self._model, self._data)
             self._fresh = True
 
-    # ---- questions asked rarely --------------------------------------------------
+    # ---- rarely used-----------------------------------------------
 
     def mjcf(self) -> str:
-        """The world as MJCF, as `rebuild` left it; meshes by their absolute paths."""
+        """The world after `rebuild` as MJCF, with absolute paths of meshes."""
         m, spec = self._model, plan(*self._asked)
         for name, body in self._bodies.items():
             here = spec.body(body_of(name))
@@ -394,7 +394,7 @@ class World(world.World):
 
 @cache
 def _library() -> str:
-    """Path of the library that MuJoCo's module has loaded; empty if it lies elsewhere."""
+    """Path of the library loaded by MuJoCo's module; "" if it is not found."""
     folder = sorted(Path(mujoco.__file__).parent.iterdir())
     return next((str(path) for path in folder if path.name.startswith(LIBRARIES)), "")
 

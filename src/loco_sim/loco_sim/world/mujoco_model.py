@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""MuJoCo's model of a robot on the ground, made from its URDF, and shapes in it."""
+"""MuJoCo model of a robot on the ground, built from its URDF."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ from ..geometry import Triple
 from ..meshes.read import load
 from .terrain import CELL, Terrain
 
-OF_WORLD = "link_named_world"  # name of the body of a link that is named "world"
-NET_FORCE = 1 << int(mujoco.mjtConDataField.mjCONDATA_FORCE), 3, 1  # of all contacts, in one sensor
+OF_WORLD = "link_named_world"  # name of the body of a link named "world"
+NET_FORCE = 1 << int(mujoco.mjtConDataField.mjCONDATA_FORCE), 3, 1  # net force of all contacts
 GEOM = mujoco.mjtGeom
 
 
 @lru_cache(maxsize=64)
 def compiled(*asked: Any) -> mujoco.MjModel:
-    """Model of a URDF on the ground; kept, as reading takes longer than many a run."""
+    """Model of a URDF on the ground; cached, since reading may take longer than a run."""
     spec = plan(*asked)
     for mesh in spec.meshes:
         _fill(mesh)
@@ -40,20 +40,20 @@ def plan(
     iterations: int,
     terrain: Terrain | None,
 ) -> mujoco.MjSpec:
-    """Plan of a URDF on the ground, before it is compiled.
+    """Specification of a model of a URDF on the ground, before compilation.
 
     Args:
         text: The URDF.
-        dates: Times at which its meshes were written [ns].
-        root: Link that is free; empty if it is fixed to the world.
-        feet: Links on which the force of the ground is measured.
+        dates: Modification times of its meshes [ns].
+        root: Name of the floating root link; "" if it is fixed to the world.
+        feet: Links with measured ground force.
         dt: Physics step [s].
         gravity: Acceleration of gravity [m/s²].
-        iterations: Most iterations of the contact solver.
-        terrain: Heights of the ground; None is a plane.
+        iterations: Largest number of iterations of the contact solver.
+        terrain: Heights of the ground; None for a plane.
 
     Raises:
-        ValueError: MuJoCo cannot build it.
+        ValueError: MuJoCo cannot build the model.
     """
     spec = mujoco.MjSpec.from_string(_for_mujoco(text))
     for mesh in spec.meshes:
@@ -83,7 +83,7 @@ def plan(
 
 
 def _fill(mesh: mujoco.MjsMesh) -> None:
-    """Put corners and faces, which have been checked, in the place of a file."""
+    """Replace the file of a mesh by validated corners and faces."""
     if mesh.file:
         shape = load(Path(mesh.file))
         mesh.uservert, mesh.userface = shape.vertices.ravel(), shape.faces.ravel()
@@ -91,7 +91,7 @@ def _fill(mesh: mujoco.MjsMesh) -> None:
 
 
 def _ground(spec: mujoco.MjSpec, terrain: Terrain | None) -> dict[str, Any]:
-    """Shape of the ground; MuJoCo scales heights to between 0 and 1 and has a base below them."""
+    """Geom parameters of the ground; MuJoCo scales heights to [0, 1], above a base."""
     if terrain is None:
         return {"type": mujoco.mjtGeom.mjGEOM_PLANE, "size": [0.0, 0.0, 1.0]}
     heights = terrain.heights
@@ -105,7 +105,7 @@ def _ground(spec: mujoco.MjSpec, terrain: Terrain | None) -> dict[str, Any]:
 
 
 def body_of(link: str) -> str:
-    """Name of the body of a link: "world" is MuJoCo's own."""
+    """Name of the body of a link; "world" is reserved by MuJoCo."""
     return OF_WORLD if link == "world" else link
 
 
@@ -115,7 +115,7 @@ def link_of(body: str) -> str:
 
 
 def _for_mujoco(text: str) -> str:
-    """URDF without what only pictures need; every link stays a body of its own."""
+    """URDF without visual shapes, in which every link remains a separate body."""
     robot = ET.fromstring(text)
     for link in robot.findall("link"):
         for visual in link.findall("visual"):
@@ -136,18 +136,18 @@ def _for_mujoco(text: str) -> str:
 
 
 def dates(text: str) -> tuple[int, ...]:
-    """Times at which the meshes of a URDF were written [ns], of those that are there."""
+    """Modification times of the existing meshes of a URDF [ns]."""
     paths = (Path(name) for name in sorted(set(re.findall(r'filename="([^"]+)"', text))))
     return tuple(path.stat().st_mtime_ns for path in paths if path.is_file())
 
 
 def lowest_point(model: mujoco.MjModel, data: mujoco.MjData, geom: int) -> Triple:
-    """Lowest point of a shape in the world [m], of its convex hull for a mesh.
+    """Lowest point of a shape, or of its convex hull for a mesh, world frame [m].
 
     Args:
         model: The model.
-        data: State of the model, with the places of shapes up to date.
-        geom: Number of the shape.
+        data: State of the model, with up-to-date poses of shapes.
+        geom: Index of the shape.
     """
     turn, size = data.geom_xmat[geom].reshape(3, 3), model.geom_size[geom]
     down = -turn[2]  # in the frame of the shape

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Animations of a recorded run, drawn without a screen: a replay as a GIF."""
+"""Headless rendering of a recorded run as an animated GIF."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ from ..robot import robot as robots
 from .figure import Figure
 from .stage import EYE, FIELD_OF_VIEW, Stage, look_at, perspective
 
-FULL_SIZE = 0.9  # the camera comes closer to robots that are smaller [m]
-CLOSER, FILLED = 1.05, 0.85  # steps of the camera, and how far from the middle a robot may be
-NEAREST = 4.0  # times nearer than to a robot that walks, where the camera begins
-LOOKED_AT = 50  # poses of a bolted robot that the camera shows whole
-LOWEST = -0.4  # height of the point looked at, of a robot of full size [m]
-FOLLOW = 0.5  # the camera follows the mean position over this time [s]
+FULL_SIZE = 0.9  # size below which the camera distance is scaled down [m]
+CLOSER, FILLED = 1.05, 0.85  # step factor of the camera distance; share of the picture to fill
+NEAREST = 4.0  # initial camera position, times nearer than for a walking robot
+LOOKED_AT = 50  # number of poses of a fixed-base robot that must be in view
+LOWEST = -0.4  # smallest height of the point looked at, for a robot of full size [m]
+FOLLOW = 0.5  # averaging time of the position followed by the camera [s]
 
 
 def render_gif(
@@ -38,15 +38,15 @@ def render_gif(
     """Write an animated GIF of a run.
 
     Args:
-        path: File to write; None only returns the bytes.
+        path: File to write; None to only return the bytes.
         t: Time of each sample [s], (T,), increasing.
         position: Base origin in the world [m], (T, 3).
         orientation: Base to world, x y z w, (T, 4).
         q: Joint positions [rad], (T, n).
-        fps: Frames per second; GIF knows only 100, 50, 33.3, 25, 20 …
+        fps: Frames per second; GIF supports 100, 50, 33.3, 25, 20 …
         size: Width and height [pixel].
         robot: Name, path or `Robot`.
-        speed: 1 is real time, 0.5 half as fast.
+        speed: Playback speed; 1 is real time, 0.5 half as fast.
 
     Returns:
         The GIF's bytes.
@@ -55,7 +55,7 @@ def render_gif(
         ParameterError: The arrays are empty or do not fit together.
     """
     pictures = list(frames(t, position, orientation, q, fps, size, robot, speed))
-    # One palette for all frames: without it colours flicker and the file doubles.
+    # One palette for all frames; otherwise colours flicker and the file size doubles.
     sheet = Image.new("RGB", (size[0], 3 * size[1]))
     for i, k in enumerate((0, len(pictures) // 2, len(pictures) - 1)):
         sheet.paste(pictures[k], (0, i * size[1]))
@@ -87,7 +87,7 @@ def frames(
     robot: str | robots.Robot = "hyq",
     speed: float = 1.0,
 ) -> Iterator[Image.Image]:
-    """Pictures of a run, one after the other; arguments as in `render_gif`."""
+    """Pictures of a run in sequence; arguments as in `render_gif`."""
     t, position, orientation, q = (np.asarray(x, float) for x in (t, position, orientation, q))
     robot = robot if isinstance(robot, robots.Robot) else robots.load(robot)
     _check(t, position, orientation, q, len(robot.joints))
@@ -107,13 +107,13 @@ def frames(
 def camera(
     figure: Figure, size: tuple[int, int], poses: Sequence[tuple[np.ndarray, ...]]
 ) -> tuple[Stage, np.ndarray | None]:
-    """Camera that shows a robot whole, and the point that it looks at.
+    """Camera with the whole robot in view, and the point that it looks at.
 
     Args:
-        figure: The robot as it stands.
+        figure: The robot in its standing pose.
         size: Width and height of the pictures [pixel].
-        poses: Position, orientation and joints of a robot that stays where it is; all of them are
-            in view, whatever its size. None for a robot that walks: the camera goes with it.
+        poses: Position, orientation and joints of a stationary robot, all of which will be in
+            view. Empty for a walking robot, which the camera follows; the point is then None.
     """
     if not poses:
         extent = np.ptp(figure.corners(0.0), axis=0).max()
@@ -127,12 +127,12 @@ def camera(
     middle, scale = 0.5 * (low + high), float((high - low).max()) / FULL_SIZE / NEAREST
     while not _fits(corners, middle, scale, size):
         scale *= CLOSER
-    height = max(float(middle[2]) / scale, LOWEST)  # or the floor would be over the camera
+    height = max(float(middle[2]) / scale, LOWEST)  # keeps the floor below the camera
     return Stage(size, height=height, scale=scale), middle
 
 
 def _fits(corners: np.ndarray, middle: np.ndarray, scale: float, size: tuple[int, int]) -> bool:
-    """Whether a camera that looks at `middle` has all corners well within its picture."""
+    """Whether a camera that looks at `middle` has all corners in its picture, with a margin."""
     target = np.array([*middle[:2], max(float(middle[2]), LOWEST * scale)])
     view = perspective(FIELD_OF_VIEW, size[0] / size[1], 0.1 * scale, 100.0 * scale)
     view = view @ look_at(target + scale * EYE, target)

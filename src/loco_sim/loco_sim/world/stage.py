@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Camera, checkered floor, sky and soft shadow around a robot, in NumPy.
 
-`Figure` draws the robot only; its time goes with the number of pixels, so it gets no
-more than the robot needs.
+`Figure` draws the robot only, in a picture no larger than the robot, since its time is
+proportional to the number of pixels.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from PIL import Image, ImageFilter
 
 from .figure import Figure
 
-MADE_OF = "d7c60ece868c"  # of the kernels called here: see tests/loco_sim/test_kernel_caches.py
+MADE_OF = "f30d836a1cca"  # of the called kernels, see tests/loco_sim/test_kernel_caches.py
 
 EYE = np.array([1.15, -2.05, 0.55])  # from the point looked at to the camera [m]
 FIELD_OF_VIEW = np.radians(34.0)  # vertical
@@ -24,18 +24,18 @@ TILE = 0.25  # [m]
 TILES = np.array([[0.93, 0.94, 0.95], [0.80, 0.82, 0.85]])
 SKY, HORIZON = np.array([0.78, 0.86, 0.94]), np.array([0.97, 0.98, 0.99])
 FOG = 5.0  # distance over which the floor fades into the horizon [m]
-SAMPLES = 2  # the robot is drawn this much larger and then reduced
+SAMPLES = 2  # supersampling factor of the robot
 
 
 class Stage:
     """A camera that keeps its direction and moves with the robot.
 
-    What does not change from picture to picture is worked out once.
+    Constant parts of the pictures are computed once.
 
     Args:
         size: Width and height of the pictures [pixel].
-        height: Height of the point looked at [m], of a robot of full size.
-        scale: Size of the robot; all lengths above are for a robot of about a metre.
+        height: Height of the point looked at, for a robot of full size [m].
+        scale: Size of the robot relative to full size (about a metre), for which the constants are.
     """
 
     def __init__(self, size: tuple[int, int], height: float = 0.40, scale: float = 1.0):
@@ -67,7 +67,7 @@ class Stage:
         return np.stack([u, v, -np.ones_like(u)], axis=-1) @ turn
 
     def draw(self, figure: Figure, centre: np.ndarray) -> Image.Image:
-        """Picture of the robot as it stands, looking at a point over or under `centre` [m]."""
+        """Picture of the robot in its pose, looking at a point above or below `centre` [m]."""
         target = np.array([centre[0], centre[1], self._height])
         image = self._sky.copy()
         dark, lens = self._shadow(figure, target)
@@ -79,7 +79,7 @@ class Stage:
         return Image.fromarray(image.clip(0.0, 255.0, out=image).astype(np.uint8))
 
     def _shadow(self, figure: Figure, target: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Blurred silhouette from the light, and the rows of its camera's matrix that place it."""
+        """Blurred silhouette seen from the light, and its camera matrix without the depth row."""
         sun = SUN * self._scale
         view = look_at(target + sun * LIGHT, target)
         angle = 2.0 * np.arctan(0.5 * SHADOW_SPAN / SUN)
@@ -90,7 +90,7 @@ class Stage:
         return blurred, (camera @ view)[[0, 1, 3]]
 
     def _paint(self, image: np.ndarray, figure: Figure, view: np.ndarray) -> None:
-        """Draw the robot over the image, in the part of it where it is."""
+        """Draw the robot over the image, within its bounding box."""
         left, top, right, bottom = self._box(figure.corners(0.08 * self._scale), view)
         if right <= left or bottom <= top:
             return
@@ -103,7 +103,7 @@ class Stage:
         put_over(image[top:bottom, left:right], colour, robot)
 
     def _box(self, points: np.ndarray, view: np.ndarray) -> tuple[int, int, int, int]:
-        """Pixels around some points: left, top, right, bottom."""
+        """Bounding box of points [pixel]: left, top, right, bottom."""
         wide, high = self.size
         clip = np.column_stack([points, np.ones(len(points))]) @ (self._projection @ view).T
         x = (0.5 + 0.5 * clip[:, 0] / clip[:, 3]) * wide
@@ -120,16 +120,16 @@ def lay_floor(image, where, floor, centre, tile, dark, lens):
     Args:
         image: Colours, (pixels, 3).
         where: Pixels of the floor, (n,).
-        floor: Point of each from the centre [m], its fog and its width in tiles, (n, 4).
+        floor: Position relative to the centre [m], fog and pixel width in tiles, (n, 4).
         centre: Point on the ground below the point looked at [m], (2,).
         tile: Size of a tile [m].
-        dark: Silhouette of the robot from the light, (m, m) of 0 to 255; its border is empty.
-        lens: World to clip space of the light without its depth, (3, 4).
+        dark: Silhouette of the robot seen from the light, (m, m), 0 to 255, with an empty border.
+        lens: World to clip space of the light, without depth, (3, 4).
     """
     pixels = dark.shape[0]
     for i in range(len(where)):
         x, y = floor[i, 0] + centre[0], floor[i, 1] + centre[1]
-        # A triangle wave of a period of two tiles, smooth over a pixel, along each axis.
+        # A triangle wave with a period of two tiles along each axis, smoothed over a pixel.
         a = (2.0 * abs((x / tile) % 2.0 - 1.0) - 1.0) / floor[i, 3]
         b = (2.0 * abs((y / tile) % 2.0 - 1.0) - 1.0) / floor[i, 3]
         mix = 0.5 + 0.5 * min(max(a, -1.0), 1.0) * min(max(b, -1.0), 1.0)
@@ -146,12 +146,12 @@ def lay_floor(image, where, floor, centre, tile, dark, lens):
 
 @njit(cache=True)
 def put_over(image, colour, there):
-    """Put a picture that is SAMPLES times as large over an image, where it shows something.
+    """Downsample a picture by SAMPLES and overlay it on an image where the mask is set.
 
     Args:
         image: Colours, (height, width, 3).
-        colour: Colours, (SAMPLES height, SAMPLES width, 3); black where nothing is.
-        there: Whether something is there, (SAMPLES height, SAMPLES width).
+        colour: Colours, (SAMPLES height, SAMPLES width, 3); black outside of the mask.
+        there: Mask of the picture, (SAMPLES height, SAMPLES width).
     """
     count = SAMPLES * SAMPLES
     for row in range(image.shape[0]):

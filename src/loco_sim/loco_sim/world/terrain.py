@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Ground that is not flat, or not firm everywhere: grids that are the same for every engine."""
+"""Random uneven or soft ground, as grids that are the same for every engine."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ import numpy as np
 
 KINDS = ("uneven", "steps")
 CELL = 0.05  # distance between heights [m]
-AHEAD, BEHIND, SIDE = 30.0, 4.0, 4.0  # how far it reaches from the origin [m]
-BLEND = 0.5  # over which it rises from the flat start to its full roughness [m]
+AHEAD, BEHIND, SIDE = 30.0, 4.0, 4.0  # extent from the origin [m]
+BLEND = 0.5  # distance over which roughness rises from zero at the flat start [m]
 
 
 @dataclass(frozen=True)
@@ -34,7 +34,7 @@ class Terrain:
 
     @property
     def centre(self) -> tuple[float, float]:
-        """Middle of the grid [m]."""
+        """Centre of the grid x, y [m]."""
         return 0.5 * (AHEAD - BEHIND), 0.0
 
     @cached_property
@@ -54,11 +54,11 @@ class Terrain:
 
 @dataclass(frozen=True)
 class Patches:
-    """Places where the ground is soft, none around the origin where the robot starts.
+    """Random soft patches of the ground, none around the origin where the robot starts.
 
     Attributes:
         share: Share of the ground that is soft, beyond the start.
-        length: Size of patches, the correlation length of what is cut into them [m].
+        length: Size of patches, the correlation length of the underlying random field [m].
         pattern: Number of the random pattern.
         flat: Radius of the firm start [m].
     """
@@ -75,7 +75,7 @@ class Patches:
         return (level > np.quantile(level, 1.0 - self.share)) & (_beyond(self.flat) > 0.0)
 
     def under(self, x: float, y: float) -> bool:
-        """Whether the ground is soft there; beyond the grid it is as at its edge."""
+        """Whether the ground is soft at x, y [m]; outside of the grid as at its edge."""
         rows, columns = self.soft.shape
         row = min(max(round((y + SIDE) / CELL), 0), rows - 1)
         column = min(max(round((x + BEHIND) / CELL), 0), columns - 1)
@@ -83,18 +83,18 @@ class Patches:
 
 
 def _axes() -> tuple[np.ndarray, np.ndarray]:
-    """Places of the grid along x and y [m]."""
+    """Coordinates of the grid along x and y [m]."""
     x = np.arange(round((AHEAD + BEHIND) / CELL) + 1) * CELL - BEHIND
     return x, np.arange(round(2.0 * SIDE / CELL) + 1) * CELL - SIDE
 
 
 def _beyond(radius: float) -> np.ndarray:
-    """Distance of each point of the grid from a circle around the origin [m], below 0 inside."""
+    """Distance of each grid point from a circle around the origin [m], negative inside."""
     return np.hypot(*np.meshgrid(*_axes())) - radius
 
 
 def _hills(rng: np.random.Generator, length: float) -> np.ndarray:
-    """Random heights on the grid whose autocorrelation at a distance d is exp(-(d / length)²)."""
+    """Random heights on the grid, with autocorrelation exp(-(d / length)²) at distance d."""
     x, y = _axes()
     noise, cells = rng.standard_normal((len(y), len(x))), length / CELL
     frequencies = np.meshgrid(*(np.fft.fftfreq(n) for n in noise.shape), indexing="ij")

@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The face of a physics engine: one robot on flat ground, stepped and asked about.
+"""Interface of the physics engines: one robot on the ground.
 
-A `World` speaks in joints, feet and links by name and order of the `Robot`; it knows nothing
-of controllers, sensors or effects. Numbers go in and out as plain lists, because for a dozen
-joints that is several times faster than arrays. Two engines stand behind it: `bullet` and
-`mujoco`, each imported when a world of it is made.
+A `World` identifies joints, feet and links by name and order of the `Robot`; it is independent of
+controllers, sensors and effects. Numbers are passed as plain lists, because for a dozen joints
+that is several times faster than arrays. It is implemented by two engines, `bullet` and `mujoco`,
+each imported when it is first used.
 """
 
 from __future__ import annotations
@@ -24,19 +24,19 @@ from ..robot.robot import Robot, joint_index
 from . import hinges
 from .terrain import Terrain
 
-MODULES = {"pybullet": ".bullet", "mujoco": ".mujoco"}  # each has a `World`
+MODULES = {"pybullet": ".bullet", "mujoco": ".mujoco"}  # each defines a `World`
 
 
 def make_world(robot: Robot, params: SimParams, dt: float) -> World:
-    """World of a robot in the engine that `params` name; empty before `World.rebuild`.
+    """World of a robot in the engine named in `params`; empty before `World.rebuild`.
 
     Args:
         robot: The robot.
-        params: Engine, gravity, friction and softness of the ground.
+        params: Engine, gravity, friction and compliance of the ground.
         dt: Physics step [s].
 
     Raises:
-        ParameterError: The engine is not installed, or does not survive a mesh of the robot.
+        ParameterError: The engine is not installed, or crashes on a mesh of the robot.
     """
     require(params.engine)
     if "<mesh" in robot.urdf:
@@ -47,56 +47,56 @@ def make_world(robot: Robot, params: SimParams, dt: float) -> World:
 class Base(NamedTuple):
     """State of the root link's frame, in the world."""
 
-    position: Triple  # [m]
+    position: Triple  # of the frame's origin [m]
     orientation: tuple[float, float, float, float]  # x y z w
     velocity: Triple  # of the frame's origin [m/s]
     angular_velocity: Triple  # [rad/s]
 
 
 class Handles(NamedTuple):
-    """An engine's state in place, and its C functions, for a compiled loop that steps it.
+    """Views of an engine's state, and addresses of its C functions, for compiled loops.
 
-    Of v velocities, b links and g shapes, with n joints of the robot and h sprung hinges.
+    Dimensions: v velocities, b links, g shapes, n joints, m feet, h sprung hinges.
     """
 
-    step: int  # address of the function that takes model and data one step on
-    look: int  # of the one that finds the frames of all links
+    step: int  # address of the function that advances model and data by one step
+    look: int  # address of the function that computes the frames of all links
     model: int
     data: int
     q: np.ndarray  # all positions
     dq: np.ndarray  # all velocities, (v,)
-    tau: np.ndarray  # torques to be applied, (v,)
-    held: np.ndarray  # stopping torques, (v,)
-    wrench: np.ndarray  # forces and moments from outside about the centres of mass, (b, 6)
-    friction: np.ndarray  # of shapes, in the first column, (g, 3)
-    feet: np.ndarray  # force of the ground on each foot in the last step, (3 m,)
+    tau: np.ndarray  # torques to apply, (v,)
+    held: np.ndarray  # braking torques, (v,)
+    wrench: np.ndarray  # external forces and moments about the centres of mass, (b, 6)
+    friction: np.ndarray  # friction of shapes in the first column, (g, 3)
+    feet: np.ndarray  # ground force on each foot in the last step, (3 m,)
     place: np.ndarray  # origin of each link [m], (b, 3)
-    turn: np.ndarray  # rotation of each link, by rows, (b, 9)
+    turn: np.ndarray  # rotation matrix of each link, row by row, (b, 9)
     centre: np.ndarray  # centre of mass of each link [m], (b, 3)
-    q_at: np.ndarray  # place of each joint among the positions, (n,)
-    dq_at: np.ndarray  # and among the velocities, (n,)
-    hinge_q_at: np.ndarray  # the same of the hinges, (h,)
-    hinge_dq_at: np.ndarray  # (h,)
-    fixed: np.ndarray  # state of a base that is fixed, (13,); empty if it moves
-    warned: np.ndarray  # count of steps that were not finite, (1,)
-    quiet: int  # that count while all is well
-    fastest: float  # velocities are clipped at this
-    mean: bool  # forces on feet are a mean over steps, not those of the last
+    q_at: np.ndarray  # index of each joint in `q`, (n,)
+    dq_at: np.ndarray  # index of each joint in `dq`, (n,)
+    hinge_q_at: np.ndarray  # index of each hinge in `q`, (h,)
+    hinge_dq_at: np.ndarray  # index of each hinge in `dq`, (h,)
+    fixed: np.ndarray  # state of a fixed base, (13,); empty if it moves
+    warned: np.ndarray  # number of steps with non-finite values, (1,)
+    quiet: int  # value of `warned` without errors
+    fastest: float  # limit of velocities
+    mean: bool  # whether forces on feet are a mean over steps, not of the last step
 
 
 class Setting:
-    """The plant that effects may change before a run.
+    """Properties of the plant that effects may change before a run.
 
     Attributes:
-        friction: Friction of single links; others have the world's.
-        contact: Contact stiffness [N/m] and damping [N·s/m] of single links; others
-            have the world's.
-        gravity: Acceleration of gravity [m/s²], (3,); a slope is gravity turned.
-        carried: Share of the robot's weight that its drives carry by themselves.
-        terrain: Heights of the ground; None is a plane.
-        armature: Inertia of rotor and gear [kg·m²] that a joint feels, and none before it.
-        hinges: Stiffness [N·m/rad] and damping [N·m·s/rad] of the joint that moves a
-            link, where that joint is not one of the robot's.
+        friction: Friction coefficients by link; other links have the world's.
+        contact: Contact stiffness [N/m] and damping [N·s/m] by link; other links have
+            the world's.
+        gravity: Acceleration of gravity [m/s²], (3,); rotated on a slope.
+        carried: Share of the robot's weight that its drives compensate by themselves.
+        terrain: Heights of the ground; None for a plane.
+        armature: Inertia of rotor and gear by joint, which acts on that joint alone [kg·m²].
+        hinges: Stiffness [N·m/rad] and damping [N·m·s/rad], by moved link, of additional
+            hinges that are not joints of the robot.
         dt: Physics step [s].
     """
 
@@ -105,7 +105,7 @@ class Setting:
         self._clear()
 
     def _clear(self) -> None:
-        """The plant as the robot's files have it, before effects change it."""
+        """Reset to the properties in the robot's files."""
         self._description: Description | None = None
         self.friction: dict[str, float] = dict(self.robot.friction)
         self.contact: dict[str, tuple[float, float]] = dict(self.robot.contact)
@@ -117,7 +117,7 @@ class Setting:
 
     @property
     def pull(self) -> Triple:
-        """Acceleration with which weight pulls on what drives do not carry [m/s²], (3,)."""
+        """Effective gravity, reduced by the share that drives compensate [m/s²], (3,)."""
         if not self.carried:
             return self.gravity
         x, y, z = ((1.0 - self.carried) * part for part in self.gravity)
@@ -125,7 +125,7 @@ class Setting:
 
     @property
     def description(self) -> Description:
-        """The URDF; read when somebody asks for it, and from then on perhaps changed.
+        """Editable URDF, created at first use.
 
         Raises:
             ParameterError: The text is not XML or not a robot.
@@ -136,29 +136,29 @@ class Setting:
 
     @property
     def described(self) -> bool:
-        """Whether somebody asked for the URDF, so that it may be changed."""
+        """Whether `description` was used, so that the URDF may have been changed."""
         return self._description is not None
 
     def joint_index(self, pattern: str) -> np.ndarray:
-        """Indices of the robot's joints that a name or fnmatch pattern names.
+        """Indices of the robot's joints that match a name or fnmatch pattern.
 
         Raises:
-            NameUnknownError: The name is of no joint.
+            NameUnknownError: No joint matches.
         """
         return joint_index(self.robot.joints, pattern)
 
     def softness(self, link: str) -> tuple[float, float]:
-        """Contact stiffness [N/m], 0 for rigid, and damping [N·s/m] of a link as it was built."""
+        """Initial contact stiffness [N/m], 0 for rigid, and damping [N·s/m] of a link."""
         default = self.params.contact_stiffness, self.params.contact_damping
         return self.contact.get(link, default)
 
 
 class World(Setting, ABC):
-    """One robot on the ground, that is stepped and asked about.
+    """Simulated world with one robot on the ground.
 
     Attributes:
-        damped: The engine is given no damping of the robot's joints, since every step is a
-            `damped_step`; counts from the next `rebuild` on.
+        damped: Whether joint damping is omitted from the engine's model, since every step is a
+            `damped_step`; takes effect at the next `rebuild`.
     """
 
     def __init__(self, robot: Robot, params: SimParams, dt: float):
@@ -171,14 +171,14 @@ class World(Setting, ABC):
         configure: Iterable[Callable[[World], None]] = (),
         height: float | None = None,
     ) -> None:
-        """Build the world anew, with the robot at rest.
+        """Rebuild the world, with the robot at rest.
 
         Args:
             q: Joint positions [rad], (n,).
-            configure: Functions that get this world before the robot is loaded and may edit
+            configure: Functions called with this world before the robot is loaded, which may edit
                 `description`, `friction`, `contact`, `gravity`, `terrain`, `hinges` and
                 `armature`.
-            height: Height of the base [m]; None puts the lowest foot on the ground.
+            height: Height of the base [m]; None to put the lowest foot on the ground.
 
         Raises:
             ParameterError: The engine cannot build such a robot.
@@ -196,18 +196,18 @@ class World(Setting, ABC):
             self._hung = hinges.inertia(mass, bent)
 
     def _raise(self, height: float) -> None:
-        """Put the base at another height right after `_load` [m]."""
+        """Change the height of the base right after `_load` [m]."""
         self._load(height)
 
     def forget(self) -> bool:
-        """Be as `rebuild` left it; False where only building anew does that."""
+        """Restore the state after `rebuild`; False if that requires a rebuild."""
         return False
 
     def joint_inertia(self, q: Sequence[float]) -> np.ndarray:
-        """Inertia that the joints feel [kg·m²], (n, n), base and hinges free unless fixed.
+        """Effective inertia at the joints [kg·m²], (n, n), with free hinges and, if movable, base.
 
-        M_qq - M_qb M_bb^-1 M_bq of the joint-space mass matrix: what is left when
-        the base follows without being held.
+        M_qq - M_qb M_bb^-1 M_bq of the joint-space mass matrix, for a base that moves
+        freely.
 
         Args:
             q: Joint positions [rad], (n,).
@@ -216,7 +216,7 @@ class World(Setting, ABC):
         return hinges.felt(mass, own, [*base, *bent])
 
     def _given(self) -> Description:
-        """The robot as the engine is given it."""
+        """The robot description for the engine."""
         return self.description
 
     def _text(self) -> str:
@@ -229,28 +229,28 @@ class World(Setting, ABC):
         return undamped.text(self.robot.folder, drawn=False)
 
     def close(self) -> None:  # noqa: B027  (an engine may have nothing to free)
-        """Free what the engine holds; calling again does nothing."""
+        """Release the engine's resources; calling again does nothing."""
 
     def sprung(self) -> list[tuple[tuple[float, float], float]]:
-        """Stiffness and damping of each hinge, and the inertia that it feels [kg·m²]."""
+        """Stiffness and damping of each hinge, and its effective inertia [kg·m²]."""
         return list(zip(self.hinges.values(), self._hung, strict=True)) if self.hinges else []
 
     def handles(self) -> Handles | None:
-        """State and functions for a compiled loop; None if the engine cannot be stepped by one."""
+        """State and functions for a compiled loop; None if the engine does not support it."""
         return None
 
     def frames(self) -> dict[str | None, tuple[int, np.ndarray, np.ndarray]]:
-        """Frame of each link in itself, with its number in `handles`; None is the root link."""
+        """Index in `handles`, position and rotation of each link's frame; None is the root link."""
         return {}
 
     def shapes(self, link: str) -> list[int]:
-        """Numbers in `handles` of the shapes of a link."""
+        """Indices in `handles` of the shapes of a link."""
         return []
 
     def moved(self) -> None:  # noqa: B027  (an engine may remember nothing)
-        """Hear that a compiled loop has moved the state."""
+        """Notification that a compiled loop has changed the state."""
 
-    # ---- what an engine does -----------------------------------------------------
+    # ---- implemented by engines--------------------------------------------------
 
     @abstractmethod
     def put(
@@ -262,15 +262,15 @@ class World(Setting, ABC):
         velocity: Triple = (0.0, 0.0, 0.0),
         spin: Triple = (0.0, 0.0, 0.0),
     ) -> None:
-        """Put the robot into a state.
+        """Set the state of the robot.
 
         Args:
             q: Joint positions [rad], (n,).
             dq: Joint velocities [rad/s], (n,).
-            position: Position of the base frame [m]; None leaves the base where it is.
+            position: Position of the base frame [m]; None to leave the base unchanged.
             orientation: Orientation of the base, x y z w.
-            velocity: Velocity of the base frame's origin, in world [m/s].
-            spin: Angular velocity of the base, in world [rad/s].
+            velocity: Velocity of the base frame's origin, world frame [m/s].
+            spin: Angular velocity of the base, world frame [rad/s].
         """
 
     @abstractmethod
@@ -281,25 +281,25 @@ class World(Setting, ABC):
     def damped_step(self, tau: Sequence[float], law: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Advance one physics step with torques that depend on the speed v after it.
 
-        The torque on a joint is tau + clip(wanted - gain v, +-limit) - passive v, however
-        large gain and passive are: it is solved together with contacts, and takes energy only.
+        The torque on a joint is tau + clip(wanted - gain v, +-limit) - passive v. It is
+        solved implicitly together with contacts, which is stable for any gain and passive.
 
         Args:
-            tau: Torques that are held over the step [N·m], (n,).
+            tau: Torques held over the step [N·m], (n,).
             law: Rows wanted [N·m], gain [N·m·s/rad], limit [N·m] and passive [N·m·s/rad],
                 (4, n).
 
         Returns:
-            Torques of the second term that acted [N·m], and the speeds that damping was taken
-            at [rad/s], (n,) each.
+            Applied torques of the second term [N·m], and the speeds v used for damping
+            [rad/s], (n,) each.
         """
 
     @abstractmethod
     def brake(self, budget: np.ndarray, dq: np.ndarray) -> None:
-        """Let each joint be stopped by up to this torque from now on, beside that of `step`.
+        """Brake each joint by up to this torque from now on, in addition to the torque of `step`.
 
         Args:
-            budget: Largest stopping torque [N·m], (n,), >= 0.
+            budget: Largest braking torque [N·m], (n,), >= 0.
             dq: Joint velocities [rad/s], (n,).
         """
 
@@ -315,22 +315,22 @@ class World(Setting, ABC):
 
         Args:
             force: Force in the world frame [N], (3,).
-            link: Name of the link; None is the root link.
-            point: Point where it acts, in the frame of the link [m].
-            at: The same point in world [m], when it is known.
+            link: Name of the link; None for the root link.
+            point: Point of application, in the frame of the link [m].
+            at: The same point in the world frame [m], if already known.
         """
 
     @abstractmethod
     def set_friction(self, link: str, friction: float) -> None:
-        """Change the friction of a link from now on."""
+        """Set the friction coefficient of a link from now on."""
 
     @abstractmethod
     def set_softness(self, link: str, stiffness: float, damping: float) -> None:
-        """Change how contacts of a link give way from now on.
+        """Set the contact compliance of a link from now on.
 
         Args:
             link: Name of the link.
-            stiffness: Stiffness [N/m]; 0 is rigid.
+            stiffness: Stiffness [N/m]; 0 for rigid.
             damping: Damping [N·s/m].
         """
 
@@ -340,7 +340,7 @@ class World(Setting, ABC):
 
     @abstractmethod
     def add_ground_forces(self, total: list[float]) -> None:
-        """Add the last step's force of the ground on each foot [N], world frame.
+        """Add the ground force on each foot in the last step [N], world frame, to `total`.
 
         Args:
             total: x y z of each foot in turn, (3 m,); changed in place.
@@ -355,7 +355,7 @@ class World(Setting, ABC):
         """Position in the world of a point fixed to a link [m].
 
         Args:
-            link: Name of the link; None is the root link.
+            link: Name of the link; None for the root link.
             offset: The point, in the frame of the link [m].
         """
 
@@ -369,7 +369,7 @@ class World(Setting, ABC):
 
     @abstractmethod
     def _place(self, q: Sequence[float]) -> None:
-        """Put the joints somewhere, at rest."""
+        """Set the joint positions, at rest."""
 
     @abstractmethod
     def _lowest_foot(self) -> float:
@@ -379,4 +379,4 @@ class World(Setting, ABC):
     def _mass_matrix(
         self, q: Sequence[float]
     ) -> tuple[np.ndarray, list[int], list[int], list[int]]:
-        """Joint-space mass matrix, and its rows of joints, base and hinges."""
+        """Joint-space mass matrix, and the row indices of joints, base and hinges."""
