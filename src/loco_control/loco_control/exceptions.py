@@ -12,7 +12,7 @@ import re
 from collections.abc import Iterable
 from typing import Any
 
-MOST = 200  # characters of a value in a message
+MOST = 200  # longest value in a message [characters]
 SHOWN = 60  # default number of characters of a value in `shown`
 _WHOLE = 2000  # longest message [characters]
 _TAIL = 79  # characters retained from the end of a cut value: the name of a file

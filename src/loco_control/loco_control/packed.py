@@ -67,7 +67,7 @@ def array(data: bytes) -> np.ndarray:
         ValueError: The data is not a ``.npy`` file, has elements other than numbers and texts, or
             its length does not match its shape.
     """
-    import numpy as np  # the command line imports this module, and NumPy takes long
+    import numpy as np  # here, since importing NumPy delays the command line
 
     file = io.BytesIO(data)
     version = np.lib.format.read_magic(file)

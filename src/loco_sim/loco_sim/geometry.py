@@ -35,7 +35,7 @@ def multiply(a: Sequence[float], b: Sequence[float]) -> Quaternion:
 
 
 def rotation_matrix(quaternion: Sequence[float]) -> Rotation:
-    """Rotation matrix of a unit quaternion, row after row, (9,)."""
+    """Rotation matrix of a unit quaternion, row by row, (9,)."""
     x, y, z, w = quaternion
     return (
         1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - z * w), 2.0 * (x * z + y * w),

@@ -38,9 +38,9 @@ from ..legs.kinematics import inverse
 
 SPEED, FREQUENCY, DUTY, HEIGHT, LATERAL, YAW = range(6)  # indices into the vector `gait`
 X, Z, Y = range(3)  # columns of a foot path
-SHAPE = ("coupling", "convergence", "sharpness", "swing_skew", "filter_gain")  # of the gait
+SHAPE = ("coupling", "convergence", "sharpness", "swing_skew", "filter_gain")  # of the stride
 SEED_RADIUS = 3e-3  # radius from which the cycle grows when the gait starts [-]
-MAX_FOOT_SPEED = 10.0  # [m/s]
+MAX_FOOT_SPEED = 10.0  # largest speed of a foot [m/s]
 
 
 def coupling_matrices(offsets: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -63,7 +63,7 @@ def seed_state(offsets: np.ndarray) -> np.ndarray:
 
 @njit(cache=True)
 def stride_phase(state, duty):
-    """Stride phase of each leg, (4,): 0 at touchdown, `duty` at lift-off, even in time."""
+    """Stride phase of each leg, (4,): 0 at touchdown, `duty` at lift-off, linear in time."""
     phase = np.empty(4)
     for leg in range(4):
         half_turns = math.atan2(-state[leg, 1], state[leg, 0]) / math.pi  # 0 touchdown, 1 lift-off

@@ -34,7 +34,7 @@ def chirp(t: float, phase: np.ndarray, first: float, last: float, sweep: float) 
 
 
 def swept(t: float, first: float, last: float, sweep: float) -> tuple[float, float]:
-    """Turns since the start and frequency [Hz] of a sweep that goes up and down."""
+    """Turns since the start and frequency [Hz] of a sweep up and down."""
     rate = math.log(last / first) / sweep
     rounds, since = divmod(t, 2.0 * sweep)
     back = since > sweep

@@ -25,7 +25,7 @@ PATTERNS = {  # phase of lf rf lh rh when lf touches down [strides]
 }
 # Parameters that may change at run time, in the order of the vector `gait` of `cpg.advance`.
 LIVE = ("speed", "frequency", "duty_factor", "step_height", "lateral_speed", "yaw_rate")
-TWIST = ("speed", "lateral_speed", "yaw_rate")  # of the trunk
+TWIST = ("speed", "lateral_speed", "yaw_rate")  # components of the trunk's twist
 HALVINGS = 7  # bisection steps for an unreachable twist; the largest reachable share is met to 1 %
 
 

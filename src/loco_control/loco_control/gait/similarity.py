@@ -25,7 +25,7 @@ from .generator import GaitParams
 
 T = TypeVar("T", bound=Params)
 
-MASS = 84.756  # of the reference, HyQ with its rounded masses [kg]
+MASS = 84.756  # mass of the reference, HyQ with its rounded masses [kg]
 DIGITS = 4  # significant digits of a scaled value
 # Powers of leg length and of mass by which a unit scales; other units do not.
 POWERS = {

@@ -16,7 +16,7 @@ from ..params import Params, parameter
 FRONT = np.array([1.0, 1.0, -1.0, -1.0])  # +1 in front, -1 behind, per leg
 LEFT = np.array([1.0, -1.0, 1.0, -1.0])  # +1 left, -1 right, per leg
 COLUMNS = (
-    *("hip_x", "hip_y", "hip_z"),  # of the HAA axis, y outwards [m]
+    *("hip_x", "hip_y", "hip_z"),  # position of the HAA axis, y outwards [m]
     *("side", "down", "thigh", "shank"),  # from the HAA axis to thigh and shank, l0, l1, l2 [m]
     *("knee", "bent", "straight"),  # sign of the canonical KFE; cosines of its range
     *("haa_sign", "hfe_sign", "kfe_sign"),  # +1 or -1

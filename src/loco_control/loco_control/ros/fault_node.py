@@ -90,14 +90,14 @@ class Bytes:
         return seconds * 1_000_000_000 + int.from_bytes(data[self._at + 4 : self._at + 8], "little")
 
     def tick(self, data: bytes) -> int:
-        """Tick that a message with a stamp belongs to."""
+        """Tick of a message with a stamp."""
         if self._has_tick:
             return int.from_bytes(data[TICK], "little")
         return tick_of(self.time(data) or 0, self._rate)
 
     def finite(self, data: bytes) -> bool:
         """Whether all numbers are finite."""
-        doubles = np.frombuffer(data, np.float64, len(data) - 4 >> 3, 4)  # as `Converter.finite`
+        doubles = np.frombuffer(data, np.float64, len(data) - 4 >> 3, 4)  # see `Converter.finite`
         return bool(np.isfinite(doubles).all())
 
     def with_numbers(self, data: bytes, source: bytes | None) -> bytes:

@@ -17,7 +17,7 @@ _PAGE = resource.getpagesize()
 
 @dataclass(frozen=True)
 class HealthParams(Params):
-    """Limits of the values on /diagnostics: warning and error, 0 for never."""
+    """Limits of the values on /diagnostics for warning and error; 0 for no limit."""
 
     silence: tuple[float, ...] = parameter(
         (2.0, 10.0), "wall time since the last tick: warning, error", "s", 0.0, 1e6

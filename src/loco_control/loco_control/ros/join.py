@@ -22,7 +22,7 @@ def loco_tick(data: bytes) -> int:
 
 
 class TickJoin:
-    """Collects one message per topic and calls `step` when all have the same tick.
+    """Collector of one message per topic, which calls `step` when all have the same tick.
 
     A tick is any increasing number: the tick itself, or the stamp. A message of a tick that was
     answered already, or of an older one, is stale: it is counted and not answered. A message that

@@ -26,7 +26,7 @@ MOVES = ("revolute", "continuous", SLIDES)
 
 # Columns of `Tree.body`: vectors have three, matrices nine, by rows.
 PLACE, TURN = 0, 3  # origin [m] and rotation of the joint's frame in that of the parent link
-AXIS, MASS, COM, INERTIA = 12, 15, 16, 19  # unit axis; [kg]; centre [m]; inertia [kg·m²]
+AXIS, MASS, COM, INERTIA = 12, 15, 16, 19  # unit axis; [kg]; centre of mass [m]; [kg·m²]
 DAMPING, LOW, HIGH = 28, 29, 30  # viscous [N·m·s/rad]; smallest and largest position [rad or m]
 ARMATURE = 31  # inertia of rotor and gear about the joint [kg·m²]
 
@@ -43,7 +43,7 @@ class Tree(NamedTuple):
     """
 
     kin: np.ndarray  # index of the parent joint, -1 for the base; 1 if the joint slides, (n, 2)
-    body: np.ndarray  # columns as above, (n, 32)
+    body: np.ndarray  # columns `PLACE` to `ARMATURE`, (n, 32)
     fastest: float  # limit of joint velocities, as in the engine [rad/s or m/s]
 
 

@@ -114,7 +114,7 @@ class Chain:
 
 
 def fused(effects: list[JointEffect], hook: str, dt: float) -> Any:
-    """One function for a hook of several effects."""
+    """A function that runs a hook of several effects."""
     return getattr(Chain(effects, dt), HOOKS[hook])
 
 
@@ -124,7 +124,7 @@ class JointEffect(Effect):
 
     joint: str = parameter("", "joints, by name or pattern; empty is all that it applies to")
 
-    law = 0  # number of the law
+    law = 0  # number of the law in `rows`
     among: ClassVar[str] = "all"  # joints it applies to, a key of `AMONG`
 
     @classmethod

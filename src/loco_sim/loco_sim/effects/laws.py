@@ -224,7 +224,7 @@ def saturation(first, last, joint, const, memory, tau, q, dq, dt):
 
 @njit(cache=True)
 def rescaled(first, last, joint, const, memory, tau, q, dq, dt):
-    """A spring's torque s becomes (1 + error) s; const: error, -, spring."""
+    """A spring's torque s becomes (1 + error) s; const: error, unused, spring."""
     for r in range(first, last):
         j = joint[r]
         tau[j] += const[r, 0] * spring_torque(q[j], 0.0, const[r, SPRING_AT:])
@@ -232,7 +232,7 @@ def rescaled(first, last, joint, const, memory, tau, q, dq, dt):
 
 @njit(cache=True)
 def shifted(first, last, joint, const, memory, tau, q, dq, dt):
-    """A spring's torque s(q) becomes s(q - offset); const: offset, -, spring."""
+    """A spring's torque s(q) becomes s(q - offset); const: offset, unused, spring."""
     for r in range(first, last):
         j = joint[r]
         row = const[r, SPRING_AT:]

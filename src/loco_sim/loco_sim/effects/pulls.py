@@ -22,7 +22,7 @@ class Pull(NamedTuple):
     force: Sequence[float] = (0.0, 0.0, 0.0)  # world frame [N]
     anchor: Sequence[float] = (0.0, 0.0, 0.0)  # of the cable, world frame [m]
     stiffness: float = 0.0  # of the cable [N/m]
-    length: float = 0.0  # at which it becomes taut [m]
+    length: float = 0.0  # of the cable when it becomes taut [m]
 
 
 class Pulls(NamedTuple):

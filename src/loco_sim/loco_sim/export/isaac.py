@@ -111,7 +111,7 @@ def _delays(model: Portable, ranges: Sequence[Range]) -> tuple[int, int]:
 
 
 def _groups(model: Portable, delays: tuple[int, int], lost: list[str]) -> list[tuple]:
-    """Name, class and fields of each group of actuators."""
+    """Name, Isaac Lab class and fields of each group of actuators."""
     groups = []
     for (kind, stall), group in groupby(sorted(model.joints, key=_equal), _equal):
         joints = [_linear(joint, lost) for joint in group]

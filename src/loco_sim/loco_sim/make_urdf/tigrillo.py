@@ -31,7 +31,7 @@ HALF_MASS = {"f": 0.712, "h": 0.238}  # body, battery, servos and legs [kg]
 BODY = {"f": (0.08, 0.14, 0.03), "h": (0.06, 0.09, 0.025)}  # boxes [m]
 NAMES = {"f": "front_body", "h": "hind_body"}
 PLATE_MASS = 1e-4  # engines treat a massless base as fixed to the world [kg]
-MOTOR = (0.036, 0.036, 0.0506)  # [m]
+MOTOR = (0.036, 0.036, 0.0506)  # sides of a servo [m]
 
 COLOURS = {
     "lf": (0.84, 0.26, 0.08),

@@ -30,7 +30,7 @@ STIFFNESS, SWING, PHASE, SINE, COSINE, FACTOR = range(6)
 # `shape`: 3 parts of one row (or number) per link, the same for all networks; `masses`: mass
 # and its inverse per node.
 REST, DAMPING, HARDENING = range(3)
-# `network`: one row (or number) each.
+# `network`: one row (or number) per parameter.
 OMEGA, NOISE, TURN_SINE, TURN_COSINE = range(4)
 # `scales` and `choices`: numbers for all networks.
 STEP, GRAVITY, DRAG, JOLT_RATE, JOLT_SIZE = range(5)

@@ -138,7 +138,7 @@ def override(values: dict[str, Any], changes: Mapping[str, Any], links: Iterable
 
 
 def drives(section: Mapping[str, dict]) -> dict[str, DriveParams]:
-    """Drive parameters of each joint that has a drive, of the class for its `kind`."""
+    """Drive parameters of each joint with a drive; `kind` selects their class."""
     made = {}
     for joint, entry in section.items():
         kind = entry.get("kind")

@@ -95,7 +95,7 @@ class ServoParams(Sampled):
     )
 
     def row(self, effort: float) -> tuple[float, ...]:
-        """Constants of the kernel, (COLUMNS,)."""
+        """Parameter row for the kernels, (COLUMNS,)."""
         line = self.stall_torque, self.stall_torque / self.no_load_speed, self.kp
         gear = self.rotor_inertia, self.gear_stiffness, self.gear_damping
         return (SERVO, *line, self.resolution, *gear, effort, *self._sampling(), 0.0, 0.0)
@@ -137,7 +137,7 @@ class ImpedanceDrive(Sampled):
     )
 
     def row(self, effort: float) -> tuple[float, ...]:
-        """Constants of the kernel, (COLUMNS,)."""
+        """Parameter row for the kernels, (COLUMNS,)."""
         loop = self.ki, self.speed_ki, self.position_gain
         end = self.speed_feed, self.integral_limit
         return (IMPEDANCE, self.kp, self.kd, *self.swing, *loop, effort, *self._sampling(), *end)
@@ -181,7 +181,7 @@ class TorqueDrive(Sampled):
     )
 
     def row(self, effort: float) -> tuple[float, ...]:
-        """Constants of the kernel, (COLUMNS,)."""
+        """Parameter row for the kernels, (COLUMNS,)."""
         rest = (0.0,) * 4
         motor = self.gain, self.bias, self.slope
         return (TORQUE, *motor, *rest, effort, *self._sampling(), 0.0, 0.0)

@@ -80,7 +80,7 @@ class SpringParams(Params):
         return self.stiffness * self.tibia * math.sin(gamma) * self.length / self.slack
 
     def row(self) -> tuple[float, ...]:
-        """Constants of the kernel, (COLUMNS,)."""
+        """Parameter row for the kernels, (COLUMNS,)."""
         if self.kind == "pretension":
             exact = self.length, self.femur, self.tibia
             return (PRETENSION, self.stiffness, self.damping, 0.0, *exact)

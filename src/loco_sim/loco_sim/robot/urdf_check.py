@@ -25,7 +25,7 @@ from ..meshes.read import load
 MOVING = ("revolute", "continuous", "prismatic")
 TYPES = (*MOVING, "fixed")
 TENSOR = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
-MOST = 64 * 2**20  # bytes of a URDF
+MOST = 64 * 2**20  # largest size of a URDF [bytes]
 LARGEST = 1e9  # largest mass [kg], inertia [kg·m²] and length [m]
 SMALLEST = 1e-12  # smallest mass other than 0 [kg]
 ROUNDING = 1e-6  # tolerance of the triangle inequality of moments, share of the largest one

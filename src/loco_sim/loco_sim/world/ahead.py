@@ -34,7 +34,7 @@ from ..robot.description import Description
 
 MADE_OF = "d03b5f48e041"  # of the called kernels, see tests/loco_sim/test_kernel_caches.py
 
-POINT, NORMAL, SPEED, GIVE, FRICTION, TOUCH = 0, 3, 6, 7, 8, 9  # columns of contacts, their number
+POINT, NORMAL, SPEED, GIVE, FRICTION, TOUCH = 0, 3, 6, 7, 8, 9  # columns of a contact; their number
 SWEEPS = 50  # largest number of iterations over the contacts
 SETTLED = 1e-7  # speed change below which the iterations end [m/s]
 

@@ -57,7 +57,7 @@ pybullet = _import_pybullet()
 FAR = 1e4  # search distance for the ground [m]
 DEPTH_SHARE = 0.0  # share of the penetration of a rigid contact that is corrected per step
 HARD = 1e12  # damping that makes a compliant contact rigid again [N·s/m]
-GROUND_FRICTION = 1.0  # PyBullet multiplies both, so the contact has the robot's
+GROUND_FRICTION = 1.0  # PyBullet multiplies it with the robot's
 
 
 class _Client:

@@ -29,7 +29,7 @@ class Qos:
     depth: int
 
     def writer(self) -> Any:
-        """Profile for publishers; deep, since depth is not negotiated."""
+        """Profile for publishers, with a deep queue, since depth is not negotiated."""
         deep = self.reliable and not self.latched
         return profile(self.reliable, self.latched, WRITER_DEPTH if deep else self.depth)
 

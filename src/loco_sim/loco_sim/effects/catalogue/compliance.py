@@ -85,7 +85,7 @@ class StiffnessError(Elastic, name="stiffness_error"):
 
 @dataclass
 class AddedStiffness(Elastic, name="added_stiffness"):
-    """A spring beside the drive that the model does not have, e.g. of a cable or a seal."""
+    """A spring parallel to the drive that the model lacks, e.g. from a cable or a seal."""
 
     stiffness: float = parameter(0.0, "stiffness of the joint", "N·m/rad", -1e3, 1e5)
     rest: float = parameter(0.0, "where it is slack, from the joint's rest", "rad", -3.2, 3.2)
@@ -247,7 +247,7 @@ class EndStop(Elastic, name="end_stop"):
 
 @dataclass
 class Hysteresis(TorqueEffect, name="hysteresis"):
-    """Friction behind a spring (Bouc-Wen with exponent 1, which is Dahl's law), at any speed."""
+    """Rate-independent friction with a spring in series (Bouc-Wen with exponent 1: Dahl's law)."""
 
     torque: float = parameter(0.0, "friction torque after a long way", "N·m", 0.0, 200.0)
     stroke: float = parameter(0.02, "way on which 63 % of it builds up", "rad", 1e-4, 3.0)

@@ -126,7 +126,7 @@ class ViscousFriction(BrakeEffect, name="viscous_friction"):
 
 @dataclass
 class LoadFriction(BrakeEffect, name="load_friction"):
-    """Dry friction of a gear in proportion to the torque of its drive."""
+    """Dry friction of a gear, in proportion to the torque of its drive."""
 
     share: float = parameter(0.0, "friction torque per torque", "-", low=0.0, high=0.95)
     among = "driven"
@@ -153,7 +153,7 @@ class LoadFriction(BrakeEffect, name="load_friction"):
 
 @dataclass
 class AsymmetricFriction(BrakeEffect, name="asymmetric_friction"):
-    """Dry friction that differs by the direction of motion, as of worm gears and lip seals."""
+    """Dry friction that depends on the direction of motion, as in worm gears and lip seals."""
 
     forward: float = parameter(0.0, "friction torque where dq > 0", "N·m", low=0.0, high=200.0)
     backward: float = parameter(0.0, "friction torque where dq < 0", "N·m", low=0.0, high=200.0)
