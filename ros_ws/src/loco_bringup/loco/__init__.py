@@ -177,8 +177,8 @@ def rollout(
     if not isinstance(experiment, Experiment):
         values = {k: str(v) if isinstance(v, Path) else v for k, v in (overrides or {}).items()}
         experiment = load_experiment(experiment, values)
-    tell = None if on_progress is None else lambda tick, loop: on_progress(tick * experiment.dt)
-    return _rollout.rollout(experiment, seed, tell)
+    on_tick = None if on_progress is None else lambda tick, loop: on_progress(tick * experiment.dt)
+    return _rollout.rollout(experiment, seed, on_tick)
 
 
 @checked
@@ -247,8 +247,8 @@ def export_model(
     Raises:
         LocoError: There is no such model, target or gear, or a recording is invalid.
     """
-    given = model.folder if isinstance(model, Gap) else model
-    return _export.export_model(given, to, out, replay, mapping, gear)
+    source = model.folder if isinstance(model, Gap) else model
+    return _export.export_model(source, to, out, replay, mapping, gear)
 
 
 @checked

@@ -111,5 +111,5 @@ def processor() -> str:
             about.setdefault(key.strip(), value.strip())
     if "model name" not in about:
         return platform.processor() or platform.machine()
-    family, model = about.get("cpu family", "?"), about.get("model", "?")
-    return f"{about['model name']}, family {family}, model {model}"
+    cpu_family, model = about.get("cpu family", "?"), about.get("model", "?")
+    return f"{about['model name']}, family {cpu_family}, model {model}"

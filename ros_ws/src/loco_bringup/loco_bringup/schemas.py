@@ -73,8 +73,8 @@ def of_params(cls: type, **others: Schema) -> Schema:
         cls: A class of parameters; nested ones become nested mappings.
         others: Schemas of keys that the class does not read, or reads differently.
     """
-    hints = typing.get_type_hints(cls)
-    keys = {f.name: _of_field(f, hints[f.name]) for f in dataclasses.fields(cls)}
+    type_of = typing.get_type_hints(cls)
+    keys = {f.name: _of_field(f, type_of[f.name]) for f in dataclasses.fields(cls)}
     doc = (cls.__doc__ or "").strip().splitlines()[0]
     return {"description": doc, **_mapping({**keys, **others})}
 
@@ -93,9 +93,9 @@ def _of_field(f: dataclasses.Field, hint: Any) -> Schema:
         value = {"type": "array", "items": each, **size}
     else:
         value = _of_scalar(default, f.metadata)
-    known = default is not dataclasses.MISSING and not _endless(default)
-    shown = list(default) if isinstance(default, tuple) else default
-    return value | _about(f) | ({"default": shown} if known else {})
+    has_default = default is not dataclasses.MISSING and not _endless(default)
+    displayed = list(default) if isinstance(default, tuple) else default
+    return value | _about(f) | ({"default": displayed} if has_default else {})
 
 
 def _of_scalar(default: Any, meta: Mapping[str, Any]) -> Schema:
@@ -104,8 +104,8 @@ def _of_scalar(default: Any, meta: Mapping[str, Any]) -> Schema:
     if isinstance(default, str):
         return {"enum": list(meta["choices"])} if meta.get("choices") else TEXT
     kind = "integer" if isinstance(default, int) else "number"
-    ends = {"minimum": meta.get("low"), "maximum": meta.get("high")}
-    return {"type": kind, **{key: end for key, end in ends.items() if end is not None}}
+    bounds = {"minimum": meta.get("low"), "maximum": meta.get("high")}
+    return {"type": kind, **{key: end for key, end in bounds.items() if end is not None}}
 
 
 def _endless(default: Any) -> bool:
@@ -144,12 +144,12 @@ def _one_or_list(each: Schema) -> Schema:
 
 def _effects() -> Schema:
     """Schema of a list of effects, distinguished by their names."""
-    kinds = [
+    variants = [
         {**of_params(cls, name={"const": name}), "required": ["name"]}
         for name, cls in sorted(EFFECTS.items())
     ]
     names = {"properties": {"name": {"enum": sorted(EFFECTS)}}, "required": ["name"]}
-    items = {"allOf": [names, {"anyOf": kinds}]}
+    items = {"allOf": [names, {"anyOf": variants}]}
     return {"type": ["array", "null"], "items": items, "description": "effects, in order"}
 
 
@@ -158,7 +158,7 @@ def _experiment() -> Schema:
     base = {**TEXT, "description": "name or path of the experiment that this one changes"}
     gait = {**TEXT, "description": "name or path of a gait file"}
     target = of_params(CpgParams, gait=gait)
-    own = {
+    special = {
         "extends": base,
         "target": _nullable(gait, target),
         "sim": _nullable(of_params(SimParams)),
@@ -167,7 +167,7 @@ def _experiment() -> Schema:
     }
     preset = {**TEXT, "description": "constants that `network` may change"}
     network = of_params(NetworkExperiment, extends=base, preset=preset)
-    return {"anyOf": [of_params(Experiment, **own), network]}
+    return {"anyOf": [of_params(Experiment, **special), network]}
 
 
 def _robot() -> Schema:
@@ -198,8 +198,8 @@ def _robot() -> Schema:
 
 def _drive() -> Schema:
     """Schema of a drive entry; all keys are optional, since entries are merged."""
-    kinds = [of_params(cls, kind={"const": kind}) for kind, cls in DRIVES.items()]
-    return {"anyOf": kinds, "properties": {"kind": {"enum": list(DRIVES)}}}
+    variants = [of_params(cls, kind={"const": kind}) for kind, cls in DRIVES.items()]
+    return {"anyOf": variants, "properties": {"kind": {"enum": list(DRIVES)}}}
 
 
 def _model() -> Schema:
@@ -213,9 +213,9 @@ def _model() -> Schema:
 
 
 def _gait() -> Schema:
-    kinds = {"str": TEXT, "float": NUMBER, "int": {"type": "integer"}}
+    by_type = {"str": TEXT, "float": NUMBER, "int": {"type": "integer"}}
     fields = dataclasses.fields(gait_file.Gait)
-    keys = {f.name: kinds.get(str(f.type), MAPPING) for f in fields}
+    keys = {f.name: by_type.get(str(f.type), MAPPING) for f in fields}
     keys["target"] = {"anyOf": [of_params(CpgParams), of_params(GaitParams)]}
     head = {"format": {"const": gait_file.FORMAT}, "kind": {"const": "gait"}}
     needed = [f.name for f in fields if f.default is f.default_factory]
@@ -254,16 +254,16 @@ def _study() -> Schema:
         "map": _mapping(maps),
         "overrides": OVERRIDES,
     }  # fmt: skip
-    some = [{"required": [key]} for key in ("variants", "extends")]
-    return {**_mapping(keys), "anyOf": some}
+    alternatives = [{"required": [key]} for key in ("variants", "extends")]
+    return {**_mapping(keys), "anyOf": alternatives}
 
 
 def _mapping_file() -> Schema:
     number = {"type": ["number", "string"]}  # 4096/2pi is valid too
-    texts = dict.fromkeys((*mapping.SOURCES, *mapping.PLACES, "unit"), TEXT)
+    text_keys = dict.fromkeys((*mapping.SOURCES, *mapping.PLACES, "unit"), TEXT)
     column = _mapping(
         {
-            **texts,
+            **text_keys,
             "joint": {"type": ["string", "array"], "items": {"type": ["string", "null"]}},
             "unit": {"type": ["string", "number"]},
             "role": {"enum": list(mapping.ROLES)},

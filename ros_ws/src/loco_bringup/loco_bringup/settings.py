@@ -17,8 +17,8 @@ def overrides(
 ) -> dict[str, Any]:
     """Values of an experiment by dotted name, from ``--set`` and the options with these names."""
     values = values_of("--set", pairs, "gait.speed=0.3")
-    given = {"seed": seed, "sim.engine": engine, "duration": duration}
-    return joined({key: value for key, value in given.items() if value is not None}, values)
+    options = {"seed": seed, "sim.engine": engine, "duration": duration}
+    return joined({key: value for key, value in options.items() if value is not None}, values)
 
 
 def joined(given: dict[str, Any], values: dict[str, Any]) -> dict[str, Any]:

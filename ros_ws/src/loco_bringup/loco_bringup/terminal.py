@@ -15,11 +15,11 @@ console = Console(highlight=False, soft_wrap=True)
 
 def bar(*columns: str) -> Progress:
     """Progress bar on stderr; disabled if stderr is not a terminal."""
-    texts = [TextColumn(column) for column in columns]
+    text_columns = [TextColumn(column) for column in columns]
     return Progress(
         TextColumn("{task.description}"),
         BarColumn(bar_width=30),
-        *texts,
+        *text_columns,
         TimeRemainingColumn(),
         console=Console(stderr=True),
         disable=not sys.stderr.isatty(),

@@ -39,8 +39,8 @@ def extract(
         ParameterError: N is not a whole number from 1.
     """
     bag, out = bag if isinstance(bag, Bag) else Bag(bag), Path(out)
-    chosen = [*bag.topics] if topics is None else topics
-    periods = {bag.resolve(name): every for name, every in map(_parsed, chosen)}
+    selected = [*bag.topics] if topics is None else topics
+    periods = {bag.resolve(name): every for name, every in map(_parsed, selected)}
     if not periods:
         raise BagError("no topic to copy; name at least one")
     inside = [name for name in bag.attachments() if topics is None or name == DECIDES]

@@ -67,14 +67,14 @@ def export(
 
 def _export_one(bag: Bag, name: str, folder: Path, form: str) -> Path:
     stem = within(folder, stem_of(name), "topic").name
-    found = columns(bag, name)
-    if found is None:
+    table = columns(bag, name)
+    if table is None:
         return _write_lines(bag, name, folder / f"{stem}.jsonl")
     path = folder / f"{stem}.{form}"
     if form == "npz":
-        np.savez(path, **found)
+        np.savez(path, **table)
     else:
-        _write_csv(path, found)
+        _write_csv(path, table)
     return path
 
 
@@ -114,18 +114,18 @@ def _texts_agree(bag: Bag, name: str, records: np.ndarray) -> bool:
 
 
 def _write_csv(path: Path, found: dict[str, np.ndarray]) -> None:
-    head, flat = [], []
+    head, series = [], []
     for name, values in found.items():
         if values.ndim == 1:
             head.append(name)
-            flat.append(values.tolist())
+            series.append(values.tolist())
         else:
             head += [f"{name}[{i}]" for i in range(values.shape[1])]
-            flat += values.T.tolist()
+            series += values.T.tolist()
     with open(path, "w", newline="") as stream:
         writer = csv.writer(stream)
         writer.writerow(head)
-        writer.writerows(zip(*flat, strict=True))
+        writer.writerows(zip(*series, strict=True))
 
 
 def _write_lines(bag: Bag, name: str, path: Path) -> Path:

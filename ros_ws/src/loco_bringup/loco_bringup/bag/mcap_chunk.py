@@ -99,10 +99,10 @@ class Records:
     def __init__(self, data: bytes):
         self.data = data
         self.bytes = np.frombuffer(data, np.uint8)
-        ok, others, messages = _find(self.bytes)
+        ok, other_records, messages = _find(self.bytes)
         if not ok:
             raise BagError("records in a chunk do not add up")
-        self._others = others
+        self._others = other_records
         self.starts, self.stops, self.channels, self.times = np.ascontiguousarray(messages.T)
 
     def pieces(self, opcode: int) -> list[Piece]:
@@ -128,7 +128,7 @@ def _number(data, at, size):
 @njit(cache=True)
 def _find(data):
     """Messages (first byte, end, channel, time) and other records (opcode, first byte, end)."""
-    size, at, many, few = len(data), 0, 0, 0
+    size, at, many, n_others = len(data), 0, 0, 0
     ok = True
     while at < size:
         length = _number(data, at + 1, 8) if size - at >= 9 else np.int64(-1)
@@ -138,10 +138,10 @@ def _find(data):
             break
         at += 9 + length
         many += message
-        few += not message
-    messages, others = np.empty((many, 4), np.int64), np.empty((few, 3), np.int64)
+        n_others += not message
+    messages, other_records = np.empty((many, 4), np.int64), np.empty((n_others, 3), np.int64)
     at, i, k = 0, 0, 0
-    while i + k < many + few:
+    while i + k < many + n_others:
         stop = at + 9 + _number(data, at + 1, 8)
         if data[at] == 5:
             messages[i, 0], messages[i, 1] = at + 31, stop
@@ -149,10 +149,10 @@ def _find(data):
             messages[i, 3] = _number(data, at + 15, 8)
             i += 1
         else:
-            others[k, 0], others[k, 1], others[k, 2] = data[at], at + 9, stop
+            other_records[k, 0], other_records[k, 1], other_records[k, 2] = data[at], at + 9, stop
             k += 1
         at = stop
-    return ok, others, messages
+    return ok, other_records, messages
 
 
 @njit(cache=True)

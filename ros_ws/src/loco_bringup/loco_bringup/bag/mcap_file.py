@@ -70,8 +70,8 @@ class Mcap:
 
     def loose(self) -> Records:
         """Messages outside chunks."""
-        pieces = self.kind(Opcode.MESSAGE)
-        return Records(b"".join(self.data[p.start - HEAD.size : p.stop] for p in pieces))
+        messages = self.kind(Opcode.MESSAGE)
+        return Records(b"".join(self.data[p.start - HEAD.size : p.stop] for p in messages))
 
 
 class McapFile(Mcap):
@@ -124,9 +124,9 @@ class McapFile(Mcap):
             {c.id: c for c in channels},
             {s.id: s for s in schemas},
         )
-        count, there = summary.statistics.chunk_count, len(self.chunks)
-        if count != there:
-            raise BagError(f"{there} chunks of {count} are there")
+        count, actual = summary.statistics.chunk_count, len(self.chunks)
+        if count != actual:
+            raise BagError(f"{actual} chunks of {count} are there")
         if summary.statistics.message_end_time >= _FOREVER:
             raise BagError("its messages have stamps of 2^63 ns or more")
         missing = {c.schema_id for c in channels} - set(summary.schemas) - {0}
@@ -140,15 +140,15 @@ class McapFile(Mcap):
         Raises:
             BagError: An attachment is damaged.
         """
-        for piece in self.kind(Opcode.ATTACHMENT):
-            if not attachment_whole(self.data, piece):
-                raise self._error(f"the attachment at byte {piece.start} is damaged")
-            yield parsed(self.data, piece, Attachment)
+        for span in self.kind(Opcode.ATTACHMENT):
+            if not attachment_whole(self.data, span):
+                raise self._error(f"the attachment at byte {span.start} is damaged")
+            yield parsed(self.data, span, Attachment)
 
     def metadata(self, name: str) -> dict[str, str]:
         """Metadata record with this name; empty if there is none."""
-        for piece in self.kind(Opcode.METADATA):
-            record = parsed(self.data, piece, Metadata)
+        for span in self.kind(Opcode.METADATA):
+            record = parsed(self.data, span, Metadata)
             if record.name == name:
                 return dict(record.metadata)
         return {}
@@ -208,14 +208,14 @@ def attachment_whole(data: bytes, piece: Piece) -> bool:
 def summary_whole(data: bytes, footer: Piece) -> bool:
     """Whether the checksum of summary and footer is correct or absent."""
     record = parsed(data, footer, Footer)
-    begin = record.summary_start or footer.start - HEAD.size
+    start = record.summary_start or footer.start - HEAD.size
     check = record.summary_crc
-    return begin < footer.stop and check in (0, zlib.crc32(data[begin : footer.stop - 4]))
+    return start < footer.stop and check in (0, zlib.crc32(data[start : footer.stop - 4]))
 
 
 def of_channels(records: Records, channels: list[int]) -> np.ndarray:
     """Indices of the messages of the given channels."""
-    chosen = records.channels == channels[0]
+    mask = records.channels == channels[0]
     for channel in channels[1:]:
-        chosen |= records.channels == channel
-    return np.flatnonzero(chosen)
+        mask |= records.channels == channel
+    return np.flatnonzero(mask)

@@ -66,11 +66,11 @@ def walk(data: bytes, start: int = len(MAGIC)) -> Iterator[Piece]:
     if bytes(data[end - len(MAGIC) : end]) == MAGIC and end >= start + len(MAGIC):
         end -= len(MAGIC)
     while at < end:
-        piece = piece_at(data, at, end)
-        if piece is None:
-            piece = Piece(DAMAGE, at, _next(data, at + 1, end))
-        yield piece
-        at = piece.stop
+        span = piece_at(data, at, end)
+        if span is None:
+            span = Piece(DAMAGE, at, _next(data, at + 1, end))
+        yield span
+        at = span.stop
 
 
 def piece_at(data: bytes, at: int, end: int) -> Piece | None:
@@ -85,8 +85,8 @@ def piece_at(data: bytes, at: int, end: int) -> Piece | None:
         return Piece(opcode, start, stop) if length >= _MESSAGE_HEAD else None
     if opcode >= PRIVATE:
         following = data[stop] if stop < end else Opcode.DATA_END
-        known = following in _SHAPES or following == Opcode.MESSAGE or following >= PRIVATE
-        return Piece(opcode, start, stop) if known else None
+        valid = following in _SHAPES or following == Opcode.MESSAGE or following >= PRIVATE
+        return Piece(opcode, start, stop) if valid else None
     shape = _SHAPES.get(opcode)
     if shape is None or not _adds_up(data, shape, start, stop):
         return None
@@ -111,8 +111,8 @@ def _next(data: bytes, at: int, end: int) -> int:
     """Start of the next complete record, or `end`."""
     for candidate in _CANDIDATE.finditer(data, at, end):
         # A message has no inner lengths, so arbitrary bytes can look like a message.
-        piece = piece_at(data, candidate.start(), end)
-        if piece and piece.opcode != Opcode.MESSAGE:
+        span = piece_at(data, candidate.start(), end)
+        if span and span.opcode != Opcode.MESSAGE:
             return candidate.start()
     return end
 

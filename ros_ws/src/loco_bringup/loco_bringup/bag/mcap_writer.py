@@ -228,13 +228,13 @@ class McapWriter:
 
     def _ending(self) -> bytes:
         """Everything after the last chunk."""
-        out, files, texts = bytearray(), [], []
+        out, files, metadata = bytearray(), [], []
         for make in self._tail:
             record = make()
             at, data = self._offset + len(out), _bytes(record)
             out += data
             if isinstance(record, Metadata):
-                texts.append(MetadataIndex(length=len(data), name=record.name, offset=at))
+                metadata.append(MetadataIndex(length=len(data), name=record.name, offset=at))
             else:
                 files.append(
                     AttachmentIndex(
@@ -245,8 +245,8 @@ class McapWriter:
         out += _bytes(DataEnd(0))
         start = self._offset + len(out)
         chunks = [_chunk_index(row) for row in self._chunks]
-        numbers = self._statistics(len(files), len(texts))
-        groups = [self._schemas, self._channels, [numbers], chunks, files, texts]
+        numbers = self._statistics(len(files), len(metadata))
+        groups = [self._schemas, self._channels, [numbers], chunks, files, metadata]
         return bytes(out) + _summary([g for g in groups if g], start) + MAGIC
 
     def _statistics(self, files: int, texts: int) -> Statistics:

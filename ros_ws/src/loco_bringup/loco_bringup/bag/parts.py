@@ -159,13 +159,13 @@ def mcap_paths(path: Path) -> list[Path]:
         return [path]
     files = numbered(path)
     stated = stated_counts(path)
-    there = {file.name for file in files}
+    present = {file.name for file in files}
     names = None
     if stated is not None:  # a compressed file may have been decompressed by hand
-        twins = {name: plain_name(name) for name in stated}
-        names = [twin if twin in there else name for name, twin in twins.items()]
+        plain_names = {name: plain_name(name) for name in stated}
+        names = [twin if twin in present else name for name, twin in plain_names.items()]
     if names is None:
-        lacks = missing(files)
+        absent = missing(files)
         names = [file.name for file in files]
     else:
         outside = next((name for name in names if Path(name).name != name), None)
@@ -174,15 +174,15 @@ def mcap_paths(path: Path) -> list[Path]:
                 f"{path}/metadata.yaml names {outside!r:.80}, which is not in its folder; "
                 f"`loco recover {path}` makes a bag of what is there"
             )
-        lacks = [name for name in names if name not in there]
-    if lacks:
+        absent = [name for name in names if name not in present]
+    if absent:
         raise MissingFileError(
-            f"{path} lacks {lacks[0]!r:.80}; `loco recover {path}` makes a bag of the rest"
+            f"{path} lacks {absent[0]!r:.80}; `loco recover {path}` makes a bag of the rest"
         )
-    more = there - set(names)
-    if more:
+    extra = present - set(names)
+    if extra:
         raise BagError(
-            f"{path}/metadata.yaml does not name {min(more)}; `loco recover {path}` makes a bag "
+            f"{path}/metadata.yaml does not name {min(extra)}; `loco recover {path}` makes a bag "
             "of all files"
         )
     return [path / name for name in names]

@@ -56,10 +56,10 @@ class Bag:
 
     def __init__(self, path: str | Path):
         self.paths = mcap_paths(Path(path))
-        whole = len(self.paths) == 1
+        single = len(self.paths) == 1
         self.folder = self.paths[0].parent
-        self.path = self.paths[0] if whole else self.folder
-        self.file = McapFile(self.path) if whole else McapFiles(self.paths)
+        self.path = self.paths[0] if single else self.folder
+        self.file = McapFile(self.path) if single else McapFiles(self.paths)
         self.summary = self.file.summary
         counts = self.summary.statistics.channel_message_counts
         self.channels: dict[str, list[int]] = {}
@@ -237,8 +237,8 @@ class Bag:
         if name not in self._kinds:
             info, channel = self.topics[name], self.summary.channels[self.channels[name][0]]
             schema = self.summary.schemas.get(channel.schema_id)
-            carried = schema is not None and schema.encoding == "ros2msg"
-            text = schema.data.decode("utf-8", "replace") if carried else ""
+            embedded = schema is not None and schema.encoding == "ros2msg"
+            text = schema.data.decode("utf-8", "replace") if embedded else ""
             text = self._of_ros1(name)[1] if channel.message_encoding == ROS1 else text
             self._kinds[name] = message_class(info.type, text)
         return self._kinds[name]
@@ -327,5 +327,5 @@ def seconds(records: np.ndarray, path: str) -> np.ndarray:
         records: Records of a topic, as `Bag.records` gives them.
         path: Name of the stamp, such as ``header.stamp``.
     """
-    whole = records[f"{path}.sec"].astype(np.int64) * 1_000_000_000
-    return (whole + records[f"{path}.nanosec"]) / 1e9
+    nanoseconds = records[f"{path}.sec"].astype(np.int64) * 1_000_000_000
+    return (nanoseconds + records[f"{path}.nanosec"]) / 1e9

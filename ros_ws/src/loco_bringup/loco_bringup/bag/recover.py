@@ -51,9 +51,9 @@ class Recovery:
         if self.folder is None:
             return f"whole: {self.messages} messages in {self.chunks} chunks, nothing to recover"
         content = f"{self.messages} messages in {self.chunks} chunks, {self.seconds:.3f} s"
-        more = "at least " if self.at_least else ""
-        lost = "an unknown number of" if self.lost is None else f"{more}{self.lost}"
-        time = "unknown" if self.lost_seconds is None else f"{more}{self.lost_seconds:.3f} s"
+        prefix = "at least " if self.at_least else ""
+        lost = "an unknown number of" if self.lost is None else f"{prefix}{self.lost}"
+        time = "unknown" if self.lost_seconds is None else f"{prefix}{self.lost_seconds:.3f} s"
         return f"recovered {content}: {self.folder}; lost {lost} messages, {time}"
 
 
@@ -74,20 +74,20 @@ def recover(path: str | Path, out: str | Path | None = None) -> Recovery:
     path = Path(path)
     files = numbered(path) if path.is_dir() else mcap_paths(path)
     salvagers = [Salvager(file) for file in files]
-    found = [salvager.found for salvager in salvagers]
-    chunks = sum(len(salvage.blocks) for salvage in found)
+    salvages = [salvager.found for salvager in salvagers]
+    chunks = sum(len(salvage.blocks) for salvage in salvages)
     if _is_whole(path, salvagers):
-        messages = sum(s.statistics.message_count for s in found if s.statistics)
+        messages = sum(s.statistics.message_count for s in salvages if s.statistics)
         return Recovery(None, messages, chunks)
     old = path if path.is_dir() else path.with_suffix("")
     target = Path(out) if out else old.with_name(f"{old.resolve().name}_recovered")
     if target.exists():
         raise ParameterError(f"{target} exists already; name another folder with --out")
-    if not chunks and not any(salvage.loose for salvage in found):
-        size = sum(salvage.size for salvage in found)
+    if not chunks and not any(salvage.loose for salvage in salvages):
+        size = sum(salvage.size for salvage in salvages)
         raise BagError(f"{path}: no whole chunk among {size} bytes; nothing to recover")
-    lacks = _lacking(files) if path.is_dir() else []
-    return _Copy(salvagers, files, target, lacks).run()
+    absent = _lacking(files) if path.is_dir() else []
+    return _Copy(salvagers, files, target, absent).run()
 
 
 def _is_whole(path: Path, salvagers: list[Salvager]) -> bool:
@@ -132,13 +132,13 @@ class _Copy:
         inside: set[str] = set()
         for salvager in self._salvagers:
             writer.split()
-            found = salvager.found
+            salvage = salvager.found
             topics = self._announce(salvager, writer)
-            for chunk in found.blocks:
+            for chunk in salvage.blocks:
                 self._copy(salvager.records(chunk), topics, writer)
-            if found.loose and not found.blocks:
+            if salvage.loose and not salvage.blocks:
                 self._copy(salvager.loose(), topics, writer)
-            for file in found.attachments:
+            for file in salvage.attachments:
                 writer.attach(file.name, file.data, file.media_type)
                 inside.add(file.name)
         for path in (self._folder / name for name in _BESIDE):
@@ -197,38 +197,38 @@ class _Copy:
         notes += [f"{n} messages of channel {c}, which nothing describes"
                   for c, n in self._foreign.items()]  # fmt: skip
         chunks = sum(len(s.found.blocks) for s in self._salvagers)
-        ends = [item.stop == s.found.size for s in self._salvagers for item in s.found.lost]
-        at_least = (any(ends) or bool(self._lacks)) and self._expected() is None
+        truncated = [item.stop == s.found.size for s in self._salvagers for item in s.found.lost]
+        at_least = (any(truncated) or bool(self._lacks)) and self._expected() is None
         return Recovery(
             self._target, self._written, chunks, seconds, lost, lost_seconds, at_least, notes
         )
 
     def _losses(self, first: int, last: int) -> tuple[int | None, float | None]:
         """Number of lost messages and time without messages [s], from the sources that exist."""
-        gone = [item for item in self._lost if item.content]
-        counted = [item.messages for item in gone]
+        losses = [item for item in self._lost if item.content]
+        counted = [item.messages for item in losses]
         expected = self._expected()
         if expected:
-            count, begin, end = expected
+            count, start, end = expected
             lost: int | None = max(0, count - self._written)
         else:
-            begin, end = first, last
+            start, end = first, last
             lost = None if None in counted else sum(c for c in counted if c is not None)
             lost = lost if lost is None else lost + sum(self._foreign.values())
-        spans = [item.times for item in gone]
-        if not expected and (None in spans or not gone):
-            ended = all(s.found.statistics for s in self._salvagers)
-            return lost, None if gone or not ended else 0.0
+        spans = [item.times for item in losses]
+        if not expected and (None in spans or not losses):
+            complete = all(s.found.statistics for s in self._salvagers)
+            return lost, None if losses or not complete else 0.0
         inner = sum(s[1] - s[0] for s in spans if s and first <= s[0] and s[1] <= last)
-        ends = [s for s in spans if s] + [(begin, end)]
-        outer = max(0, first - min(s[0] for s in ends)) + max(0, max(s[1] for s in ends) - last)
+        ranges = [s for s in spans if s] + [(start, end)]
+        outer = max(0, first - min(s[0] for s in ranges)) + max(0, max(s[1] for s in ranges) - last)
         return lost, (inner + outer) / 1e9
 
     def _expected(self) -> tuple[int, int, int] | None:
         """Number of recorded messages, times of the first and last [ns]; None if unknown."""
-        ends = [s.found.statistics for s in self._salvagers]
-        if all(ends) and not self._lacks:
-            each = [s for s in ends if s and s.message_count] or ends[:1]
+        statistics = [s.found.statistics for s in self._salvagers]
+        if all(statistics) and not self._lacks:
+            each = [s for s in statistics if s and s.message_count] or statistics[:1]
             count = sum(s.message_count for s in each)
             first = min(s.message_start_time for s in each)
             return count, first, max(s.message_end_time for s in each)
@@ -245,8 +245,8 @@ class _Copy:
         try:
             if not all(file["message_count"] for file in old["files"]):
                 return None  # the recorder was killed: no count of the last file
-            begin = int(old["starting_time"]["nanoseconds_since_epoch"])
-            return int(count), begin, begin + int(old["duration"]["nanoseconds"])
+            start = int(old["starting_time"]["nanoseconds_since_epoch"])
+            return int(count), start, start + int(old["duration"]["nanoseconds"])
         except (KeyError, TypeError, ValueError):
             return None
 
@@ -254,8 +254,8 @@ class _Copy:
 def _lacking(files: list[Path]) -> list[str]:
     """Missing files: named in ``metadata.yaml``, or a gap in the numbered series."""
     named = _old_metadata(files).get("relative_file_paths", [])
-    there = {file.name for file in files}
-    return [name for name in dict.fromkeys([*named, *missing(files)]) if name not in there]
+    present = {file.name for file in files}
+    return [name for name in dict.fromkeys([*named, *missing(files)]) if name not in present]
 
 
 def _old_metadata(files: list[Path]) -> Information:

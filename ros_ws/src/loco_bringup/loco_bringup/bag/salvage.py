@@ -69,8 +69,8 @@ class Salvager(Mcap):
         self._counts: Counter[int] = Counter()  # messages by chunk, from the indices after it
         self._last_chunk = -1
         self._index()
-        for piece in self.pieces:
-            self._take(piece)
+        for span in self.pieces:
+            self._take(span)
         # A definition with a checksum (in a chunk) is preferred to one without.
         for kind, records in ((Channel, self.found.channels), (Schema, self.found.schemas)):
             for number, record in self._seen[kind].items():
@@ -78,15 +78,15 @@ class Salvager(Mcap):
 
     def _index(self) -> None:
         """Count messages by chunk, so that the number in a damaged chunk is known."""
-        for piece in self.pieces:
-            if piece.opcode == Opcode.CHUNK:
-                self._last_chunk = piece.start
-            elif piece.opcode == DAMAGE:
-                self._last_chunk = piece.start + HEAD.size
-            elif piece.opcode >= PRIVATE:
-                self._last_chunk = piece.start
-            elif piece.opcode == Opcode.MESSAGE_INDEX:
-                self._counts[self._last_chunk] += (piece.stop - piece.start - 6) // 16
+        for span in self.pieces:
+            if span.opcode == Opcode.CHUNK:
+                self._last_chunk = span.start
+            elif span.opcode == DAMAGE:
+                self._last_chunk = span.start + HEAD.size
+            elif span.opcode >= PRIVATE:
+                self._last_chunk = span.start
+            elif span.opcode == Opcode.MESSAGE_INDEX:
+                self._counts[self._last_chunk] += (span.stop - span.start - 6) // 16
 
     def _take(self, piece: Piece) -> None:
         if piece.opcode == DAMAGE:
@@ -119,8 +119,8 @@ class Salvager(Mcap):
         else:
             self.found.blocks.append(piece)
             if late := int((records.times < 0).sum()):
-                why = "messages with a stamp of 2^63 ns or more"
-                self.found.lost.append(Lost(piece.start, piece.stop, why, messages=late))
+                reason = "messages with a stamp of 2^63 ns or more"
+                self.found.lost.append(Lost(piece.start, piece.stop, reason, messages=late))
 
     def _take_record(self, piece: Piece) -> None:
         for kind, opcode in _OPCODE.items():
@@ -144,14 +144,14 @@ class Salvager(Mcap):
     def _damaged(self, piece: Piece) -> Lost:
         """A range that is no record: possibly a truncated chunk, or one with a damaged header."""
         cut = piece.stop == len(self.data)
-        why = "cut off here" if cut else "no whole record"
+        reason = "cut off here" if cut else "no whole record"
         times = None
         chunk = self.data[piece.start] == Opcode.CHUNK
         if chunk and piece.stop - piece.start > _CHUNK_HEAD:
             head = Piece(Opcode.CHUNK, piece.start + HEAD.size, piece.stop)
             times = _believed(*chunk_head(self.data, head)[:2])
         count = self._counts.get(piece.start + HEAD.size)
-        return Lost(piece.start, piece.stop, why, times, count, content=chunk or bool(count))
+        return Lost(piece.start, piece.stop, reason, times, count, content=chunk or bool(count))
 
 
 _OPCODE = {Channel: Opcode.CHANNEL, Schema: Opcode.SCHEMA}

@@ -47,11 +47,11 @@ class Limits:
 
     def __post_init__(self) -> None:
         rows = ("size", self.size, 300_000, "bytes"), ("duration", self.duration, 0.1, "s")
-        for what, value, least, unit in rows:
-            if not (value == 0 or value >= least):
+        for what, value, minimum, unit in rows:
+            if not (value == 0 or value >= minimum):
                 raise ParameterError(
                     f"the longest {what} of a file of a bag must be 0 (no limit) or at least "
-                    f"{least} {unit}, got {value}"
+                    f"{minimum} {unit}, got {value}"
                 )
 
 

@@ -78,8 +78,8 @@ def show_bag(path: Path, check: bool = False, as_json: bool = False) -> None:
     for note in _disagreements(bag):
         console.print(f"  {note}")
     if check:
-        whole = "message" if isinstance(bag, RawBag) else "chunk and file"
-        console.print(f"  every {whole} is whole")
+        item = "message" if isinstance(bag, RawBag) else "chunk and file"
+        console.print(f"  every {item} is whole")
     for key, value in bag.metadata.items():
         if key == "versions":
             value = ", ".join(f"{name} {v}" for name, v in bag.versions.items()) or value
@@ -102,10 +102,10 @@ def _disagreements(bag: Bag) -> list[str]:
     stated = stated_counts(bag.folder) or {}
     notes = []
     for path in () if isinstance(bag, RawBag) else bag.paths:
-        count, told = McapFile(path).summary.statistics.message_count, stated.get(path.name)
-        if told and told != count:
+        count, expected = McapFile(path).summary.statistics.message_count, stated.get(path.name)
+        if expected and expected != count:
             notes.append(
-                f"metadata.yaml states {shown(told)} messages in {path.name}, "
+                f"metadata.yaml states {shown(expected)} messages in {path.name}, "
                 f"the file has {count}, which counts"
             )
     return notes

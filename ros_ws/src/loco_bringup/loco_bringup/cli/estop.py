@@ -100,10 +100,10 @@ class _Stopper:
         end = time.monotonic() + _PATIENCE
         while time.monotonic() < end:
             names = [n for n, _ in self._node.get_service_names_and_types()]
-            found = [n for n in names if n == self._wanted or self._wanted is None]
-            found = [n for n in found if n.rpartition("/")[2] == _SERVICE]
-            if found:
-                return sorted(found)
+            services = [n for n in names if n == self._wanted or self._wanted is None]
+            services = [n for n in services if n.rpartition("/")[2] == _SERVICE]
+            if services:
+                return sorted(services)
             self._executor.spin_once(timeout_sec=0.05)
         where = "" if self._wanted is None else f" {self._wanted}"
         domain = os.environ.get("ROS_DOMAIN_ID", "0")

@@ -23,13 +23,13 @@ EXTRA = re.compile(r"\s*(?:and)?\s*extra\s*==\s*['\"]([\w-]+)['\"]")
 
 def requirements() -> dict[str, list[str]]:
     """Requirements of each extra, in pip's notation."""
-    found: dict[str, list[str]] = {}
+    by_extra: dict[str, list[str]] = {}
     for line in importlib.metadata.requires(DISTRIBUTION) or ():
         for extra in EXTRA.findall(line):
             text, _, marker = EXTRA.sub("", line).partition(";")
             marker = marker.strip().removeprefix("(").removesuffix(")")
-            found.setdefault(extra, []).append(f"{text.strip()} ; {marker}" if marker else text)
-    return found
+            by_extra.setdefault(extra, []).append(f"{text.strip()} ; {marker}" if marker else text)
+    return by_extra
 
 
 def install(a: argparse.Namespace) -> int:
@@ -42,11 +42,11 @@ def install(a: argparse.Namespace) -> int:
     try:
         return subprocess.call([clone.root() / "loco", "install", *a.extra])
     except MissingFileError:
-        known = requirements()
+        available = requirements()
     for extra in a.extra:
-        if extra not in known:
-            raise NameUnknownError("extra", extra, known)
-    needed = [line.strip() for extra in a.extra for line in known[extra]]
+        if extra not in available:
+            raise NameUnknownError("extra", extra, available)
+    needed = [line.strip() for extra in a.extra for line in available[extra]]
     if importlib.util.find_spec("pip") is None:
         raise MissingPackageError(
             "this environment has no pip: add them where it was made, such as `uvx --with` or "

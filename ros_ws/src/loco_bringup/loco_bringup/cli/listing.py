@@ -128,11 +128,11 @@ def show_completion(a: argparse.Namespace) -> int:
     }  # fmt: skip
     for name, command in COMMANDS.items():
         first, _, second = name.partition(" ")
-        words = names.setdefault(first, [])
+        completions = names.setdefault(first, [])
         if second and not second.startswith("-"):
-            words.append(second)
+            completions.append(second)
         elif command.options:
-            words += [o for o in parser(name)._option_string_actions if o.startswith("--")]
+            completions += [o for o in parser(name)._option_string_actions if o.startswith("--")]
     cases = "\n".join(f"    {n}) words='{' '.join(dict.fromkeys(w))}' ;;" for n, w in names.items())
     sys.stdout.write(_SCRIPT.format(first=" ".join(names), cases=cases, zsh=_ZSH[a.shell]))
     return 0

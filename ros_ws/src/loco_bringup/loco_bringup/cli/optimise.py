@@ -48,7 +48,7 @@ def optimise_gait(
     folder = out or Path("results") / params.gait
     check_writable(folder)
     first = gait_file.load(start).parameters if start else None
-    found = []
+    results = []
     for seed in range(options.seed, options.seed + seeds):
         place = folder / f"seed_{seed}"
 
@@ -58,14 +58,14 @@ def optimise_gait(
 
         gait, optimum = show_search(f"{params.gait} seed {seed}", options.evaluations, one)
         gait.save(place / "gait.yaml")
-        found.append((gait, optimum, place))
-    best, optimum, _ = min(found, key=lambda item: item[1].value)
+        results.append((gait, optimum, place))
+    best, optimum, _ = min(results, key=lambda item: item[1].value)
     best.save(folder / "gait.yaml")
-    figure = gait_figures.convergence([place for *_, place in found], params.gait)
+    figure = gait_figures.convergence([place for *_, place in results], params.gait)
     write_whole(folder / "convergence.png", partial(figure.savefig, format="png"))
     if gif:
         gait_figures.animate(best, folder / "gait.gif")
-    console.print(_table(found))
+    console.print(_table(results))
     for path in sorted(p for p in folder.iterdir() if p.is_file()):
         console.print(f"  {path}")
     if optimum.reason:

@@ -276,14 +276,14 @@ class Store(argparse._StoreAction):
     ) -> None:
         """Store a value of the command line; called by argparse."""
         if option_string:
-            given: dict[str, Any] = parser.given  # type: ignore[attr-defined]
+            stored: dict[str, Any] = parser.given  # type: ignore[attr-defined]
             several = isinstance(values, list)
-            if self.dest in given and not several:
+            if self.dest in stored and not several:
                 raise argparse.ArgumentError(
-                    self, f"given twice, {shown(str(given[self.dest]))} and {shown(str(values))}"
+                    self, f"given twice, {shown(str(stored[self.dest]))} and {shown(str(values))}"
                 )
-            values = [*given.get(self.dest, ()), *values] if several else values
-            given[self.dest] = values
+            values = [*stored.get(self.dest, ()), *values] if several else values
+            stored[self.dest] = values
         super().__call__(parser, namespace, values, option_string)
 
 
@@ -343,8 +343,8 @@ def split(arguments: list[str]) -> tuple[str, list[str]]:
     """
     first, rest = arguments[0], arguments[1:]
     if first not in COMMANDS:
-        known = {name.partition(" ")[0] for name in COMMANDS} | {"help"}
-        raise NameUnknownError("command", first, known)
+        commands = {name.partition(" ")[0] for name in COMMANDS} | {"help"}
+        raise NameUnknownError("command", first, commands)
     if rest and f"{first} {rest[0]}" in COMMANDS and not rest[0].startswith("-"):
         return f"{first} {rest[0]}", rest[1:]
     line = " ".join(["", *rest, ""]).replace("=", " ")
@@ -385,7 +385,7 @@ def call(*arguments: Any) -> int:
     Args:
         arguments: Words after ``loco``; a command can run another one this way.
     """
-    name, options = parse([str(word) for word in arguments])
+    name, options = parse([str(argument) for argument in arguments])
     if getattr(options, "engine", None):
         os.environ["LOCO_ENGINE"] = options.engine  # default engine, also in worker processes
     return load(COMMANDS[name].run)(options)

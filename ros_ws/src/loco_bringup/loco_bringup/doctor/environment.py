@@ -135,16 +135,16 @@ def check_shared_memory(folder: Path = shm.SHM) -> list[Finding]:
 
 def check_elsewhere(env: Mapping[str, str]) -> list[Finding]:
     """Graphs of this user on other domains; reported only if no graph is on this domain."""
-    here, counts = env.get("ROS_DOMAIN_ID", "0") or "0", {}
+    own_domain, counts = env.get("ROS_DOMAIN_ID", "0") or "0", {}
     for pid, domain, _ in node_processes():
-        if domain == here:
+        if domain == own_domain:
             return []
         counts.setdefault(domain, []).append(pid)
     return [
         Finding(
             "other domain",
             f"a graph runs on ROS domain {domain} (processes {', '.join(map(str, sorted(pids)))}), "
-            f"and this shell looks at domain {here}",
+            f"and this shell looks at domain {own_domain}",
             f"set ROS_DOMAIN_ID={domain} to look there",
             grave=False,
         )

@@ -65,11 +65,11 @@ def compare(
     Raises:
         DivergedError: MuJoCo cannot simulate the file.
     """
-    found, notes = [], []
+    comparisons, notes = [], []
     for number, record in enumerate(records, 1):
         one = Model(model.robot, {**model.overrides, **record.overrides}, model.effects)
-        made = portable(one, gear)
-        if not made.robot.fixed_base:
+        exported = portable(one, gear)
+        if not exported.robot.fixed_base:
             notes.append(f"{record.name}: not compared, its robot is not bolted")
             continue
         forward = Forward(one, [record])
@@ -85,37 +85,37 @@ def compare(
         predicted = forward(step=1.0 / finer)[0][:, columns]
         error = np.where(np.isfinite(measured), predicted - measured, np.nan)
         path = folder / f"replay_{number}.npz"
-        path.with_suffix(".xml").write_text(mjcf(made)[0], encoding="utf-8")
-        given = _given(made, record, forward, measured, columns)
-        given["finer"] = np.array(float(finer))
-        write_whole(path, lambda file, given=given: np.savez_compressed(file, **given))
+        path.with_suffix(".xml").write_text(mjcf(exported)[0], encoding="utf-8")
+        arrays = _given(exported, record, forward, measured, columns)
+        arrays["finer"] = np.array(float(finer))
+        write_whole(path, lambda file, given=arrays: np.savez_compressed(file, **given))
         names = [forward.channels[i].name for i in columns]
-        played, own = _played(path), np.sqrt(np.nanmean(error**2, axis=0)).tolist()
-        joints = {name: (rms, played[name]) for name, rms in zip(names, own, strict=True)}
+        played, rms_joints = _played(path), np.sqrt(np.nanmean(error**2, axis=0)).tolist()
+        joints = {name: (rms, played[name]) for name, rms in zip(names, rms_joints, strict=True)}
         sides = np.array(list(joints.values()))
-        ours, theirs = np.sqrt(np.mean(sides**2, axis=0)).tolist()
-        found.append(Compared(record.name, ours, theirs, joints))
-    return found, notes
+        rms_loco, rms_mujoco = np.sqrt(np.mean(sides**2, axis=0)).tolist()
+        comparisons.append(Compared(record.name, rms_loco, rms_mujoco, joints))
+    return comparisons, notes
 
 
 def _given(
     made: Portable, record: Record, forward: Forward, measured: np.ndarray, columns: list[int]
 ) -> dict[str, np.ndarray]:
     """Contents of ``replay.npz``: see `replay_mjcf`."""
-    robot, told = made.robot, running.orders(record, made.robot)
+    robot, inputs = made.robot, running.orders(record, made.robot)
     q, dq = begins(record, robot, forward, 0)
-    said = np.full((len(record.t), len(robot.joints)), np.nan)
+    aligned = np.full((len(record.t), len(robot.joints)), np.nan)
     for column, channel in enumerate(columns):
-        said[:, robot.joints.index(forward.channels[channel].name)] = measured[:, column]
+        aligned[:, robot.joints.index(forward.channels[channel].name)] = measured[:, column]
     return {
         "dt": np.array(running.period(record)),
-        "ctrl": commands(made, told),
-        "ramps": np.array(float(any(told.ramps))),
-        "power": np.ones((len(record.t), 2)) if told.power is None else told.power,
+        "ctrl": commands(made, inputs),
+        "ramps": np.array(float(any(inputs.ramps))),
+        "power": np.ones((len(record.t), 2)) if inputs.power is None else inputs.power,
         "joints": np.array(robot.joints),
         "q": np.asarray(q, dtype=float),
         "dq": np.asarray(dq, dtype=float),
-        "measured": said,
+        "measured": aligned,
     }
 
 
@@ -134,8 +134,8 @@ def commands(made: Portable, told: running.Orders) -> np.ndarray:
     for index, joint in enumerate(made.joints):
         q, dq, tau = (table[:, index] for table in (told.q, told.dq, told.tau))
         if joint.kind == IMPEDANCE:
-            more = joint.kd * dq + tau
-            columns.append(q + more / joint.kp if joint.kp else more)
+            feedforward = joint.kd * dq + tau
+            columns.append(q + feedforward / joint.kp if joint.kp else feedforward)
         elif joint.kind != FREE:
             columns.append(_rounded(made, joint, q) if joint.kind == SERVO else tau)
     return np.stack(columns, axis=1)
@@ -152,6 +152,6 @@ def _played(path: Path) -> dict[str, float]:
     command = [sys.executable, "-I", SCRIPT, path.with_suffix(".xml"), path]
     done = subprocess.run(list(map(str, command)), capture_output=True, text=True)
     if done.returncode:
-        said = (done.stderr.strip().splitlines() or ["it said nothing"])[-1]
-        raise DivergedError(f"MuJoCo cannot play {path.with_suffix('.xml').name}: {said}")
+        message = (done.stderr.strip().splitlines() or ["it said nothing"])[-1]
+        raise DivergedError(f"MuJoCo cannot play {path.with_suffix('.xml').name}: {message}")
     return {name: rms for name, rms in json.loads(done.stdout).items() if np.isfinite(rms)}

@@ -86,41 +86,41 @@ def export_model(
     gear = (gear or ELASTIC) if to == MJCF else RIGID
     path = Path(model)
     results = path if (path / gap.RESULT).is_file() else path.parent
-    asked = models.load_any(path / gap.MODEL if results == path else path)
-    found = results / gap.RESULT if path.name == gap.MODEL or results == path else None
-    there = found is not None and found.is_file()
-    terms = gap.read_json(found, gap.ResultFile)["terms"] if there else []
-    made, there = portable(asked, gear), {effect["name"] for effect in asked.effects}
-    known, unused = ranges.of(made, [term for term in terms if term["effect"] in there])
+    source = models.load_any(path / gap.MODEL if results == path else path)
+    result = results / gap.RESULT if path.name == gap.MODEL or results == path else None
+    present = result is not None and result.is_file()
+    terms = gap.read_json(result, gap.ResultFile)["terms"] if present else []
+    exported, present = portable(source, gear), {effect["name"] for effect in source.effects}
+    identified, unused = ranges.of(exported, [term for term in terms if term["effect"] in present])
     unused += [
-        f"{t['effect']}: the model has not got it" for t in terms if t["effect"] not in there
+        f"{t['effect']}: the model has not got it" for t in terms if t["effect"] not in present
     ]
-    texts = WRITERS[to](made, known)
-    folder = Path(out) if out is not None else Path("exports") / f"{made.robot.name}_{to}"
+    documents = WRITERS[to](exported, identified)
+    folder = Path(out) if out is not None else Path("exports") / f"{exported.robot.name}_{to}"
     _claim(folder)
-    records, notes = _records(asked, replay, mapping, found) if to == MJCF else ([], [])
-    if not known:
+    records, notes = _records(source, replay, mapping, result) if to == MJCF else ([], [])
+    if not identified:
         notes.append("no ranges to randomise in: no interval of `loco gap` belongs to the model")
     folder.mkdir(parents=True, exist_ok=True)
-    for name, (text, _) in texts.items():
+    for name, (text, _) in documents.items():
         write_whole(folder / name, _with_meshes(text, folder))
     compared: list[Compared] = []
     if to == MJCF:
         for old in folder.glob("replay_*"):
             old.unlink()
         shutil.copyfile(SCRIPT, folder / "replay.py")
-        starts = {} if replay or found is None else _starts(found.with_name(gap.ARRAYS))
-        compared, more = compare(asked, records, folder, gear, starts)
-        notes += more
-    lost = dict.fromkeys(text for _, missing in texts.values() for text in missing)
+        starts = {} if replay or result is None else _starts(result.with_name(gap.ARRAYS))
+        compared, replay_notes = compare(source, records, folder, gear, starts)
+        notes += replay_notes
+    lost = dict.fromkeys(text for _, missing in documents.values() for text in missing)
     files = tuple(sorted(str(p.relative_to(folder)) for p in folder.rglob("*") if p.is_file()))
     return Exported(folder, files, (*lost, *unused), tuple(compared), tuple(notes))
 
 
 def _to_mjcf(made: Portable, known: Sequence[Range]) -> Texts:
     text, lost = mjcf(made)
-    texts = {"model.xml": (text, lost)}
-    return texts | ({"randomize.py": ranges.playground(made, known, dofs(text))} if known else {})
+    output = {"model.xml": (text, lost)}
+    return output | ({"randomize.py": ranges.playground(made, known, dofs(text))} if known else {})
 
 
 def _to_isaac(made: Portable, known: Sequence[Range]) -> Texts:
@@ -140,10 +140,10 @@ def _claim(folder: Path) -> None:
     """Raise an error if the folder has files that are not of an export."""
     if folder.exists() and not folder.is_dir():
         raise ParameterError(f"{folder} is a file, wanted is a folder")
-    known = re.compile(
+    pattern = re.compile(
         r"(model|replay_\d+)\.(xml|npz)|robot\.urdf|(controllers|nodes)\.yaml|[a-z_]+\.py|meshes"
     )
-    strange = [p.name for p in folder.glob("*") if not known.fullmatch(p.name)]
+    strange = [p.name for p in folder.glob("*") if not pattern.fullmatch(p.name)]
     if strange:
         raise ParameterError(f"{folder} holds other files ({strange[0]}); choose another --out")
 

@@ -58,19 +58,19 @@ def show_check(a: argparse.Namespace) -> int:
         def tell(share: float, stage: str) -> None:
             progress.update(task, completed=share, description=stage)
 
-        found = checked(a.robot, a.bags, a.mapping, a.workers, tell)
+        result = checked(a.robot, a.bags, a.mapping, a.workers, tell)
     folder.mkdir(parents=True, exist_ok=True)
-    runner.write_json(folder / JSON, found)
-    write_whole(folder / PAGE, page(found))
-    fixed = fix(a.robot, a.bags, a.mapping, found, folder) if a.fix else {}
+    runner.write_json(folder / JSON, result)
+    write_whole(folder / PAGE, page(result))
+    fixed = fix(a.robot, a.bags, a.mapping, result, folder) if a.fix else {}
     if a.json:
-        sys.stdout.write(runner.dumps(found))
+        sys.stdout.write(runner.dumps(result))
     else:
-        show(found)
+        show(result)
         console.print(f"  page: {folder / PAGE}")
-        for line in next_lines(a.robot, a.bags, found, fixed):
+        for line in next_lines(a.robot, a.bags, result, fixed):
             console.print(f"  {line}")
-    return 2 if found["refused"] or found["verdict"] == WRONG else 0
+    return 2 if result["refused"] or result["verdict"] == WRONG else 0
 
 
 def checked(
@@ -101,9 +101,9 @@ def checked(
     if not records:  # a fault in all recordings is a fault of the set-up
         records = [r for bag in bags for r in load(bag, plant, mapping, judge=False)]
         errors = {}
-    refused = [{"recording": bag, "reason": str(error)} for bag, error in errors.items()]
-    found = preview.look(model, records, None, tell, workers)
-    return {**found, "refused": refused, "verdict": verdict(found, refused)}
+    rejected = [{"recording": bag, "reason": str(error)} for bag, error in errors.items()]
+    result = preview.look(model, records, None, tell, workers)
+    return {**result, "refused": rejected, "verdict": verdict(result, rejected)}
 
 
 def fix(
@@ -125,7 +125,7 @@ def fix(
         ParameterError: The recordings have different mappings.
     """
     changes = [Change(**line) for one in found["setup"] for line in one["mends"]]
-    made: dict[str, Path] = {}
+    options: dict[str, Path] = {}
     if any(change.file == MAPPING for change in changes):
         paths = {m.path for bag in bags if (m := mapping_of(Path(bag), given))}
         if len(paths) > 1:
@@ -135,18 +135,18 @@ def fix(
             )
         values = read_yaml(paths.pop(), "mapping") if paths else {"format": 1}
         text = yaml.safe_dump(mend.mapping_with(values, changes), sort_keys=False)
-        made["--mapping"] = write_whole(free(folder / MAPPING), text)
+        options["--mapping"] = write_whole(free(folder / MAPPING), text)
     model = mend.model_mended(models.load_any(robot), changes)
     if model:
-        made["--robot"] = free(folder / MODEL)
-        runner.beside(model, folder).save(made["--robot"])
-    return made
+        options["--robot"] = free(folder / MODEL)
+        runner.beside(model, folder).save(options["--robot"])
+    return options
 
 
 def free(path: Path) -> Path:
     """The first of path, path_2, path_3, ... that does not exist."""
-    others = (path.with_stem(f"{path.stem}_{k}") for k in itertools.count(2))
-    return next(p for p in itertools.chain([path], others) if not p.exists())
+    numbered = (path.with_stem(f"{path.stem}_{k}") for k in itertools.count(2))
+    return next(p for p in itertools.chain([path], numbered) if not p.exists())
 
 
 def next_lines(
@@ -154,12 +154,12 @@ def next_lines(
 ) -> list[str]:
     """Corrected files and the command to continue with, or the option that writes the files."""
     if not fixed:
-        some = any(one["mends"] for one in found["setup"])
-        return ["--fix writes these lines into new files"] if some else []
+        fixable = any(one["mends"] for one in found["setup"])
+        return ["--fix writes these lines into new files"] if fixable else []
     options = {"--robot": robot, **fixed}
-    words = " ".join(f"{key} {value}" for key, value in options.items())
+    arguments = " ".join(f"{key} {value}" for key, value in options.items())
     return [*(f"written: {path}" for path in fixed.values()),
-            f"then:    loco gap {' '.join(map(str, bags))} {words}"]  # fmt: skip
+            f"then:    loco gap {' '.join(map(str, bags))} {arguments}"]  # fmt: skip
 
 
 def verdict(found: Checked, refused: Sequence[Any]) -> str:
@@ -189,12 +189,12 @@ def readings(found: Checked) -> list[str]:
 
 def counts(found: Checked) -> dict[str, int]:
     """Number of candidate effects (effect and place) by whether the data would reveal them."""
-    seen: dict[tuple[str, str, str], str] = {}
+    grades: dict[tuple[str, str, str], str] = {}
     for row in found["effects"]:
         key = row["effect"], row["variant"], row["place"]
         order = (YES, LARGE, NO)
-        seen[key] = min(seen.get(key, NO), row["seen"], key=order.index)
-    return {word: list(seen.values()).count(word) for word in (YES, LARGE, NO)}
+        grades[key] = min(grades.get(key, NO), row["seen"], key=order.index)
+    return {grade: list(grades.values()).count(grade) for grade in (YES, LARGE, NO)}
 
 
 def by_effect(found: Checked) -> list[list[str]]:
@@ -204,22 +204,22 @@ def by_effect(found: Checked) -> list[list[str]]:
         groups.setdefault((row["effect"], row["parameter"]), []).append(row)
     lines = []
     for (effect, parameter), rows in sorted(groups.items()):
-        shown = [r for r in rows if r["seen"] != NO]
+        visible = [r for r in rows if r["seen"] != NO]
         hidden = sorted({text.place_of(r["place"]) for r in rows if r["seen"] == NO})
-        sizes = sorted(r["smallest"] for r in shown)
-        alike = sorted({name for r in shown for name in r["alike"]})
-        more = f" and {len(alike) - MOST_ALIKE} more" if len(alike) > MOST_ALIKE else ""
+        sizes = sorted(r["smallest"] for r in visible)
+        similar = sorted({name for r in visible for name in r["alike"]})
+        suffix = f" and {len(similar) - MOST_ALIKE} more" if len(similar) > MOST_ALIKE else ""
         several = len({p for e, p in groups if e == effect}) > 1
         name = text.words(effect) + (f" ({text.words(parameter)})" if several else "")
         unit = "" if rows[0]["unit"] == "-" else f" {rows[0]['unit']}"
-        least = f"{text.number(sizes[0])}{unit}" if sizes else "–"
+        smallest = f"{text.number(sizes[0])}{unit}" if sizes else "–"
         if len(sizes) > 1 and sizes[-1] > 1.2 * sizes[0]:
-            least = f"{text.number(sizes[0])} to {text.number(sizes[-1])}{unit}"
+            smallest = f"{text.number(sizes[0])} to {text.number(sizes[-1])}{unit}"
         lines.append([
-            name, f"{len(shown)} of {len(rows)}", least,
+            name, f"{len(visible)} of {len(rows)}", smallest,
             f"{text.number(rows[0]['typical'])}{unit}",
             ", ".join(hidden[:4]) + (f" and {len(hidden) - 4} more" if len(hidden) > 4 else ""),
-            ", ".join(map(text.words, alike[:MOST_ALIKE])) + more,
+            ", ".join(map(text.words, similar[:MOST_ALIKE])) + suffix,
         ])  # fmt: skip
     return lines
 
@@ -233,11 +233,11 @@ def recording_rows(found: Checked) -> list[list[str]]:
     for r in found["recordings"]:
         stamps = r["stamps"].get("q") or {}
         lag = sorted(r["lag_ms"].values())
-        told = f"{text.number(lag[0])} to {text.number(lag[-1])} ms" if lag else "–"
+        lag_range = f"{text.number(lag[0])} to {text.number(lag[-1])} ms" if lag else "–"
         rows.append([
             r["name"], r["held"], f"{text.number(r['seconds'])} s", f"{text.number(r['rate'])} Hz",
             f"{text.number(stamps.get('jitter_ms'))} ms" if stamps else "–",
-            f"{stamps['missing']:.0f}" if stamps else "–", told,
+            f"{stamps['missing']:.0f}" if stamps else "–", lag_range,
         ])  # fmt: skip
     return rows
 
@@ -321,13 +321,13 @@ def _recordings(found: Checked) -> Markup:
 
 def _effects(found: Checked) -> Markup:
     chart = html.figure(partial(plots.sizes, found), "What would show", _SIZES)
-    shows = html.paragraph(_SHOWS, soft=True)
-    return html.join([chart, shows, html.table(HEAD, by_effect(found), range(1, 4))])
+    caption = html.paragraph(_SHOWS, soft=True)
+    return html.join([chart, caption, html.table(HEAD, by_effect(found), range(1, 4))])
 
 
 def _matrix(found: Checked) -> Markup:
     """Smallest detectable size by effect and place, one table per unit."""
-    places = list(dict.fromkeys(row["place"] for row in found["effects"]))
+    locations = list(dict.fromkeys(row["place"] for row in found["effects"]))
     rows: dict[str, dict[str, Any]] = {}
     for row in found["effects"]:
         rows.setdefault(f"{plots.named(row)} [{row['unit']}]", {})[row["place"]] = row
@@ -336,12 +336,12 @@ def _matrix(found: Checked) -> Markup:
         (name, [
             (text.number(at[p]["smallest"]) if at[p]["seen"] != NO else "no", marks[at[p]["seen"]])
             if p in at else ("", "")
-            for p in places
+            for p in locations
         ])
         for name, at in rows.items()
     ]  # fmt: skip
     note = html.paragraph(_MATRIX, soft=True)
-    return html.join([note, html.matrix([text.place_of(p) for p in places], cells)])
+    return html.join([note, html.matrix([text.place_of(p) for p in locations], cells)])
 
 
 def _untried(found: Checked) -> Markup:

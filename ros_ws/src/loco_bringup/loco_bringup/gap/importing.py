@@ -64,8 +64,8 @@ def mapping_of(path: Path, given: str | Path | None) -> Mapping | None:
     """Mapping of a recording: `given`, or the one beside the recording; None if there is none."""
     if given is not None:
         return mapping.load(given)
-    beside = (path if path.is_dir() else path.parent) / mapping.FILE
-    return mapping.load(beside) if beside.is_file() else None
+    default = (path if path.is_dir() else path.parent) / mapping.FILE
+    return mapping.load(default) if default.is_file() else None
 
 
 def _from_bag(bag: Bag, robot: Robot, rules: Mapping | None, judge: bool) -> list[Record]:
@@ -74,23 +74,23 @@ def _from_bag(bag: Bag, robot: Robot, rules: Mapping | None, judge: bool) -> lis
     if rules.columns:
         source = FieldSource(bag, name)
         return importing.records(source, robot, rules, bag.path.name, judge)
-    found, notes = gap_topics.read(bag, robot, rules.namespace, rules.base_pose)
-    found = tracks.without(found, rules.missing, notes)
-    known = _experiment(bag) | rules.overrides
+    signals, notes = gap_topics.read(bag, robot, rules.namespace, rules.base_pose)
+    signals = tracks.without(signals, rules.missing, notes)
+    settings = _experiment(bag) | rules.overrides
     step = _simulated(bag)
-    chosen = [r for r in rules.records if importing.fits(r, bag.path.name, {})]
-    if not chosen:
+    matching = [r for r in rules.records if importing.fits(r, bag.path.name, {})]
+    if not matching:
         raise BagError(f"no record of {rules.path} fits {bag.path.name}; see its 'records'")
     return [
         record
-        for i, rule in enumerate(chosen)
+        for i, rule in enumerate(matching)
         for record in align.records(
-            rule.name or (f"{name} {i + 1}" if len(chosen) > 1 else name),
-            [_cut(track, rule) for track in found],
+            rule.name or (f"{name} {i + 1}" if len(matching) > 1 else name),
+            [_cut(track, rule) for track in signals],
             robot,
             rate=rules.rate,
             role=rule.role,
-            overrides=known | rule.overrides,
+            overrides=settings | rule.overrides,
             notes=notes,
             trust_units=rules.trust_units,
             simulated=step,

@@ -56,16 +56,16 @@ def tracks(bag: Bag, topic: str, roles: dict[str, str], notes: list[str]) -> lis
         if len(publishers) > 1:
             _apart(bag, topic, publishers, notes)
         stamps = np.array([stamp_ns(message) for message in data], dtype=np.int64)
-        found = []
-        for some in publishers.values():
-            rows = np.sort(np.concatenate([layout.rows for layout in some]))
+        result = []
+        for group in publishers.values():
+            rows = np.sort(np.concatenate([layout.rows for layout in group]))
             t = np.full(len(data), np.nan)
             t[rows] = clock(stamps[rows], logged[rows], topic, notes)
-            found += _of_publisher(some, t, topic, roles)
+            result += _of_publisher(group, t, topic, roles)
     except LocoError as error:
         text = str(error)
         raise BagError(text if bag.path.name in text else f"{bag.path.name}: {text}") from None
-    return found
+    return result
 
 
 def layouts(bag: Bag, topic: str, data: list[bytes]) -> list[Layout]:
@@ -74,12 +74,12 @@ def layouts(bag: Bag, topic: str, data: list[bytes]) -> list[Layout]:
     Raises:
         LocoError: The bytes are no JointState, or a field lacks values for some joints.
     """
-    known: dict[tuple, Layout] = {}
+    by_key: dict[tuple, Layout] = {}
     last: Layout | None = None
     for row, message in enumerate(data):
         values = last.codec.own(message) if last else None
         if values is None:
-            last = _layout(bag, topic, message, known)
+            last = _layout(bag, topic, message, by_key)
             values = last.codec.own(message)
         if values is None:  # other byte order, which the codec does not support
             decoded = bag.message(topic, message)
@@ -87,7 +87,7 @@ def layouts(bag: Bag, topic: str, data: list[bytes]) -> list[Layout]:
             values = {name: array for name, array in arrays.items() if len(array)}
         last.rows.append(row)
         last.values.append(values)
-    return list(known.values())
+    return list(by_key.values())
 
 
 def _layout(bag: Bag, topic: str, message: bytes, known: dict[tuple, Layout]) -> Layout:
@@ -116,8 +116,8 @@ def _apart(
         BagError: Two publishers send the same joint, so its signal is ambiguous.
     """
     counts: dict[str, list[int]] = {}
-    for joints, some in publishers.items():
-        size = sum(len(layout.rows) for layout in some)
+    for joints, group in publishers.items():
+        size = sum(len(layout.rows) for layout in group)
         for joint in joints:
             counts.setdefault(joint, []).append(size)
         if joints:
@@ -140,7 +140,7 @@ def _of_publisher(
     some: list[Layout], t: np.ndarray, topic: str, roles: dict[str, str]
 ) -> list[Track]:
     """Tracks of messages with the same joints; messages without a field add no samples of it."""
-    found = []
+    result = []
     for name, role in roles.items():
         having = [layout for layout in some if layout.values and name in layout.values[0]]
         if not having:
@@ -156,8 +156,8 @@ def _of_publisher(
         }  # fmt: skip
         if role not in ("q", "command_position") and not any(map(np.any, columns.values())):
             continue  # drivers fill unmeasured fields with zeros
-        found += [Track(role, joint, t[rows[order]], x, topic) for joint, x in columns.items()]
-    return found
+        result += [Track(role, joint, t[rows[order]], x, topic) for joint, x in columns.items()]
+    return result
 
 
 def clock(

@@ -48,9 +48,9 @@ def write_next(
             + ("" if rows else ": nothing is left to tell apart")
         )
     row = rows[rank - 1]
-    given = models.load_any(runner.load_job(folder).robot)
-    chosen = pool.choose(pool.pool(given), str(row["experiment"]))
-    experiment = pool.within_limits(chosen)
+    model = models.load_any(runner.load_job(folder).robot)
+    selected = pool.choose(pool.pool(model), str(row["experiment"]))
+    experiment = pool.within_limits(selected)
     path = Path(out) if out else folder / f"next_{experiment.name}.yaml"
     return write(experiment, path, f"Proposed by loco gap: {text.next_line(row)}."), row
 
@@ -61,10 +61,10 @@ def write_library(robot: str, folder: str | Path) -> list[Path]:
     Raises:
         LocoError: The robot is unknown, or the folder cannot be written.
     """
-    made = []
+    out = []
     for experiment in pool.pool(models.load_any(robot)):
-        made.append(write(pool.within_limits(experiment), Path(folder) / f"{experiment.name}.yaml"))
-    return made
+        out.append(write(pool.within_limits(experiment), Path(folder) / f"{experiment.name}.yaml"))
+    return out
 
 
 def write(experiment: Experiment, path: Path, comment: str = "") -> Path:

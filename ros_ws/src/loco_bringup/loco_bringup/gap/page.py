@@ -66,12 +66,12 @@ def setup_page(result: Mapping[str, Any]) -> str:
 def header(result: Mapping[str, Any], curves: Curves) -> Markup:
     """Summary: verdict, size, place, the worst channel before and after, the gap."""
     explained = str(result.get("evidence") or _MEANING[result["verdict"]])
-    shown = html.figure(lambda: plots.worst(curves, text.told(result)), "The largest gap", "")
+    figure = html.figure(lambda: plots.worst(curves, text.told(result)), "The largest gap", "")
     return html.join(
         [
             html.verdict(result["verdict"], result["verdict"] in GOOD),
             html.paragraph(html.strong(text.headline(result))),
-            html.answer(_sizes(result), shown, _sketch(result)),
+            html.answer(_sizes(result), figure, _sketch(result)),
             html.cards(_cards(result)),
             html.paragraph(html.note(explained)),
             *(html.missing(f"Alarm: {alarm}") for alarm in result["alarms"]),
@@ -89,13 +89,13 @@ def _sketch(result: Mapping[str, Any]) -> Markup:
         robot = load(result["model"]["robot"])
     except LocoError:
         return Markup()
-    places = []
+    locations = []
     for term in result["terms"]:
         place = term.get("place") or "*"
-        places += [place] if isinstance(place, str) else list(map(str, place))
-    places += [cell["joint"] for cell in result["where"][:1] if not places]
-    links = sketch.marked(robot, [place for place in places if place != "*"])
-    where = text.listed([text.place_of(place) for place in dict.fromkeys(places)]) or "nothing"
+        locations += [place] if isinstance(place, str) else list(map(str, place))
+    locations += [cell["joint"] for cell in result["where"][:1] if not locations]
+    links = sketch.marked(robot, [place for place in locations if place != "*"])
+    where = text.listed([text.place_of(place) for place in dict.fromkeys(locations)]) or "nothing"
     return sketch.drawing(robot, links, where) + html.paragraph(f"Marked: {where}.", soft=True)
 
 
@@ -103,8 +103,8 @@ def _sizes(result: Mapping[str, Any]) -> list[tuple[str, str, str]]:
     """Size of each term; if the verdict is unknown, place of the gap and the next step."""
     rows = []
     for term in result["terms"]:
-        sure = "" if term.get("verdict", "named") == "named" else f" ({term['verdict']})"
-        name = f"{text.term_name(term)}{sure}"
+        qualifier = "" if term.get("verdict", "named") == "named" else f" ({term['verdict']})"
+        name = f"{text.term_name(term)}{qualifier}"
         rows += [(f"{name}, {key}", *size) for key, *size in text.sizes_of(term)] or [(name, "", "")]
     if result["verdict"] == "unknown":
         rows = [("The gap lives in", text.first(result["regions"]) or "all of the data", "")]
@@ -133,8 +133,8 @@ def _cards(result: Mapping[str, Any]) -> list[tuple[str, str, str]]:
 
 
 def _before_and_after(result: Mapping[str, Any], curves: Curves) -> Markup:
-    shown = html.figure(lambda: plots.signals(curves, text.told(result)), "Before and after", _SIGNALS)
-    return tables.learned(result) + shown
+    plot = html.figure(lambda: plots.signals(curves, text.told(result)), "Before and after", _SIGNALS)
+    return tables.learned(result) + plot
 
 
 def _where(result: Mapping[str, Any], curves: Curves) -> Markup:
@@ -149,8 +149,8 @@ def _missed(result: Mapping[str, Any], curves: Curves) -> Markup:
 
 
 def _tried(result: Mapping[str, Any]) -> Markup:
-    tried = [tables.terms(result), tables.rivals(result)]
-    return html.join([*tried, html.folded("Effects that were not tried", tables.not_tried(result))])
+    parts = [tables.terms(result), tables.rivals(result)]
+    return html.join([*parts, html.folded("Effects that were not tried", tables.not_tried(result))])
 
 
 def _evidence(result: Mapping[str, Any]) -> Markup:

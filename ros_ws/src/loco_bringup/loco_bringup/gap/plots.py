@@ -68,8 +68,8 @@ def _name(models: Sequence[str], i: int) -> str:
 
 def _view(curve: Curve, columns: list[int]) -> tuple[float, float]:
     """Interval of time in which the gap is largest [s]."""
-    shown = curve.t[figures.window(curve, columns, figures.span(curve))]
-    return float(shown[0]), float(shown[-1])
+    visible = curve.t[figures.window(curve, columns, figures.span(curve))]
+    return float(visible[0]), float(visible[-1])
 
 
 def spectra(curves: Curves) -> Plot:
@@ -88,9 +88,9 @@ def spectra(curves: Curves) -> Plot:
         )
         lines = [Line("noise floor", noise, NOISE, 0.8, dashed=True)]
         for name, values, color, width in rows:
-            found = figures.spectrum(curve.t, values[:, c])[1]
-            shown = found if len(found) else np.full(len(bands), np.nan)
-            lines.append(Line(name, shown, color, width))
+            density = figures.spectrum(curve.t, values[:, c])[1]
+            levels = density if len(density) else np.full(len(bands), np.nan)
+            lines.append(Line(name, levels, color, width))
         panels.append(Panel(f"{curves.label(c)} [{curves.unit(c)}]", lines, logarithmic=True))
     return Plot(bands, panels, axis="frequency [Hz]")
 
@@ -114,27 +114,27 @@ def missed(curves: Curves) -> Plot:
         for which, parts in both.items():
             parts.append(_summed(np.square(r.whitened(which)[r.judged]), first))
     panels = []
-    for c, known in enumerate(_counts(records)):
+    for c, n_values in enumerate(_counts(records)):
         lines = []
         for which, color in zip(BOTH, (BEFORE, AFTER), strict=True):
             energy = np.concatenate([part[:, c] for part in both[which]])
-            mean = known / max(1, int(np.isfinite(energy).sum()))
+            mean = n_values / max(1, int(np.isfinite(energy).sum()))
             lines.append(Line(f"model {which}", np.maximum(np.sqrt(energy / mean), figures.FAINT), color))
-        panels.append(Panel(f"{curves.label(c)}, {known} values", lines, logarithmic=True))
+        panels.append(Panel(f"{curves.label(c)}, {n_values} values", lines, logarithmic=True))
     return Plot(np.concatenate(times), panels, spans, axis="time in all that judges [s]")
 
 
 def _summed(energy: np.ndarray, first: np.ndarray) -> np.ndarray:
     """Sums of the finite values of each block of rows, (B, C); NaN if a block has none."""
-    known = np.isfinite(energy)
-    sums = np.add.reduceat(np.where(known, energy, 0.0), first, axis=0)
-    return np.where(np.add.reduceat(known, first, axis=0) > 0, sums, np.nan)
+    finite = np.isfinite(energy)
+    sums = np.add.reduceat(np.where(finite, energy, 0.0), first, axis=0)
+    return np.where(np.add.reduceat(finite, first, axis=0) > 0, sums, np.nan)
 
 
 def _counts(records: Sequence[Curve]) -> list[int]:
     """Number of held-out values of each channel."""
-    known = [np.isfinite(r.whitened("before")).sum(axis=0) for r in records]
-    return np.sum(known, axis=0).tolist()
+    counts = [np.isfinite(r.whitened("before")).sum(axis=0) for r in records]
+    return np.sum(counts, axis=0).tolist()
 
 
 def _axis(curve: Curve) -> str:
@@ -146,9 +146,9 @@ def _limits(*lines: np.ndarray) -> tuple[float, float] | None:
     first = lines[0][np.isfinite(lines[0])]
     if not len(first):
         return None
-    middle, most = 0.5 * (first.max() + first.min()), RUNAWAY * max(0.5 * np.ptp(first), 1e-9)
-    known = np.concatenate([x[np.isfinite(x)] for x in lines])
-    low, high = max(known.min(), middle - most), min(known.max(), middle + most)
+    middle, margin = 0.5 * (first.max() + first.min()), RUNAWAY * max(0.5 * np.ptp(first), 1e-9)
+    finite = np.concatenate([x[np.isfinite(x)] for x in lines])
+    low, high = max(finite.min(), middle - margin), min(finite.max(), middle + margin)
     pad = 0.06 * (high - low) + 1e-12
     return float(low - pad), float(high + pad)
 
@@ -159,18 +159,18 @@ def sizes(found: Mapping[str, Any]) -> Chart:
     Args:
         found: Contents of ``check.json``.
     """
-    told = [row for row in found["effects"] if row["smallest"] and row["typical"]]
-    names = list(dict.fromkeys(named(row) for row in reversed(told)))
+    effects = [row for row in found["effects"] if row["smallest"] and row["typical"]]
+    names = list(dict.fromkeys(named(row) for row in reversed(effects)))
     colors = {YES: PALETTE[2], LARGE: PALETTE[4], NO: PALETTE[1]}
-    words = {YES: "shows at its usual size", LARGE: "shows if it is large", NO: "does not show"}
+    legend = {YES: "shows at its usual size", LARGE: "shows if it is large", NO: "does not show"}
     layers = [line("usual size", [1.0, 1.0], [-0.5, len(names) - 0.5], GREY, shape=DASHED)]
-    for seen, color in colors.items():
-        own = [row for row in told if row["seen"] == seen]
-        texts = [f"{named(row)} at {text.place_of(row['place'])}: from "
-                 f"{text.number(row['smallest'])} {row['unit']}" for row in own]  # fmt: skip
-        share = [row["smallest"] / row["typical"] for row in own]
-        at = [names.index(named(row)) for row in own]
-        layers.append(dots(words[seen], share, at, color, texts=texts))
+    for grade, color in colors.items():
+        matching = [row for row in effects if row["seen"] == grade]
+        labels = [f"{named(row)} at {text.place_of(row['place'])}: from "
+                  f"{text.number(row['smallest'])} {row['unit']}" for row in matching]  # fmt: skip
+        share = [row["smallest"] / row["typical"] for row in matching]
+        at = [names.index(named(row)) for row in matching]
+        layers.append(dots(legend[grade], share, at, color, texts=labels))
     x = Axis("smallest size that shows [times the usual size]", logarithmic=True)
     return Chart([Frame(x, Axis("effect", names=names), layers, height=70 + 18 * len(names))])
 

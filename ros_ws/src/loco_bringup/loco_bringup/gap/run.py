@@ -166,8 +166,8 @@ def read_records(job: Job) -> tuple[Model, list[Record], list[Record]]:
     model = models.load_any(job.robot)
     robot = model.make_robot()
     mapping = Path(job.mapping) if job.mapping else None
-    apart = {os.path.realpath(path) for path in job.hold_out}  # `bags/*` may include them
-    bags = [path for path in job.bags if os.path.realpath(path) not in apart]
+    held_out = {os.path.realpath(path) for path in job.hold_out}  # `bags/*` may include them
+    bags = [path for path in job.bags if os.path.realpath(path) not in held_out]
     judge = not options_of(job).setup  # else the workflow checks them
     fit = [r for path in bags for r in load(path, robot, mapping, judge)]
     held = [r for path in job.hold_out for r in load(path, robot, mapping, judge)]
@@ -216,10 +216,10 @@ def run(job: Job, folder: Path, tell: Tell | None = None) -> dict[str, Any]:
     tell(0.0, "reading", "")
     model, fit, held = read_records(job)
 
-    shown: list[Curves | None] = []
+    latest: list[Curves | None] = []
 
     def keep(result: Mapping[str, Any], curves: Curves | None) -> None:
-        shown[:] = [curves]
+        latest[:] = [curves]
         write_result(job, plain(result), folder)
         if curves:
             curves.save(folder / ARRAYS)
@@ -227,14 +227,14 @@ def run(job: Job, folder: Path, tell: Tell | None = None) -> dict[str, Any]:
             (folder / ARRAYS).unlink(missing_ok=True)
 
     with workflow.memory_of(folder / JOURNAL, model, fit, held, params) as memory:
-        found = workflow.find(model, fit, held, params, tell, job.workers, keep, memory)
-        result = plain(found)
-        keep(result, shown[0])
+        outcome = workflow.find(model, fit, held, params, tell, job.workers, keep, memory)
+        result = plain(outcome)
+        keep(result, latest[0])
         tell(1.0, "page", "")
         if result["verdict"] == SETUP:
             write_whole(folder / PAGE, setup_page(result))
             return result
-        write_page(result, shown[0], folder)
+        write_page(result, latest[0], folder)
     return result
 
 

@@ -39,8 +39,8 @@ def plain(value: Any) -> str:
 
 def rows_of(items: Sequence[Mapping[str, Any]], keys: Sequence[str] = ()) -> Markup:
     """Table of mappings, one column per key; the keys in `keys` come first."""
-    found = list(dict.fromkeys([*keys, *(k for item in items for k in item)]))
-    used = [k for k in found if any(item.get(k) not in (None, "", [], {}) for item in items)]
+    columns = list(dict.fromkeys([*keys, *(k for item in items for k in item)]))
+    used = [k for k in columns if any(item.get(k) not in (None, "", [], {}) for item in items)]
     numeric = [
         i for i, k in enumerate(used)
         if all(isinstance(item.get(k), (int, float, type(None))) for item in items)
@@ -141,11 +141,11 @@ def _with_interval(cell: str) -> Markup | str:
 
 def identifiability(result: Result) -> Markup:
     """Table of how well the data determine each parameter."""
-    found = result.get("identifiability") or {}
-    if not found:
+    values = result.get("identifiability") or {}
+    if not values:
         return html.paragraph("Nothing was fitted.", soft=True)
     parts = []
-    for key, value in found.items():
+    for key, value in values.items():
         title = html.paragraph(html.strong(text.words(str(key)).capitalize()))
         if isinstance(value, list) and value and all(isinstance(v, Mapping) for v in value):
             parts.append(title + rows_of(value))
@@ -179,31 +179,31 @@ def proposals(result: Result) -> Markup:
 
 def correction(result: Result) -> Markup:
     """Table of the empirical correction that is the fallback for an unknown gap."""
-    found = result.get("correction")
-    if not found:
+    section = result.get("correction")
+    if not section:
         return Markup()
-    channels = [c for c in found.get("channels") or () if isinstance(c, Mapping)]
-    shown = [{k: v for k, v in c.items() if k != "weights"} for c in channels]
-    kind = str(found.get("kind") or "Correction, not an explanation").capitalize()
+    channels = [c for c in section.get("channels") or () if isinstance(c, Mapping)]
+    summaries = [{k: v for k, v in c.items() if k != "weights"} for c in channels]
+    kind = str(section.get("kind") or "Correction, not an explanation").capitalize()
     text_of_it = [html.paragraph(html.strong(kind)), html.paragraph(_CORRECTION, soft=True)]
-    rows = [rows_of(shown, ("signal", "name", "unit"))] if shown else []
+    rows = [rows_of(summaries, ("signal", "name", "unit"))] if summaries else []
     return html.join([*text_of_it, *rows])
 
 
 def learned(result: Result) -> Markup:
     """Learned correction: its description, and its effect on each held-out record."""
-    said = text.learned_line(result)
-    if not said:
+    sentence = text.learned_line(result)
+    if not sentence:
         return Markup()
     rows = result["residual"].get("records") or []
-    return html.paragraph(html.strong(said)) + (rows_of(rows, ("name",)) if rows else Markup())
+    return html.paragraph(html.strong(sentence)) + (rows_of(rows, ("name",)) if rows else Markup())
 
 
 def notes(result: Result) -> Markup:
     """Gap of each record, and notes from alignment and search."""
-    told = list(dict.fromkeys([*(result.get("align") or ()), *(result.get("notes") or ())]))
+    unique = list(dict.fromkeys([*(result.get("align") or ()), *(result.get("notes") or ())]))
     rows = result["gap"].get("records") or []
-    listed = html.bullets(str(n) for n in told)
+    listed = html.bullets(str(n) for n in unique)
     return (rows_of(rows, ("name", "role")) if rows else Markup()) + listed
 
 

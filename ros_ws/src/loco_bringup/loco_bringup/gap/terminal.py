@@ -34,13 +34,13 @@ def show_gap(a: argparse.Namespace) -> int:
         raise ParameterError(f"workers must be at least 1, got {a.workers}")
     job, folder = job_of(a)
     with bar("{task.percentage:3.0f} %", "{task.fields[best]}") as progress:
-        task, told = progress.add_task("reading", total=1.0, best=""), [0]
+        task, tenths = progress.add_task("reading", total=1.0, best=""), [0]
 
         def tell(share: float, stage: str, best: str) -> None:
             progress.update(task, completed=share, description=stage, best=best)
-            if progress.disable and int(10.0 * share) > told[0]:  # no terminal: one line per 10 %
-                told[0] = int(10.0 * share)
-                sys.stderr.write(f"{10 * told[0]:3d} % {stage} {best}".rstrip() + "\n")
+            if progress.disable and int(10.0 * share) > tenths[0]:  # no terminal: one line per 10 %
+                tenths[0] = int(10.0 * share)
+                sys.stderr.write(f"{10 * tenths[0]:3d} % {stage} {best}".rstrip() + "\n")
 
         result = runner.run(job, folder, tell)
     show(result, folder)
@@ -53,8 +53,8 @@ def job_of(a: argparse.Namespace) -> tuple[runner.Job, Path]:
     Raises:
         LocoError: The options contradict each other.
     """
-    given = {"free": list(a.free), "effects": list(a.effects), "residual": a.residual}
-    options = {key: value for key, value in given.items() if value}
+    choices = {"free": list(a.free), "effects": list(a.effects), "residual": a.residual}
+    options = {key: value for key, value in choices.items() if value}
     options |= {} if a.seed is None else {"seed": a.seed}
     options = joined(options, overrides(a.set, None))
     if a.add:

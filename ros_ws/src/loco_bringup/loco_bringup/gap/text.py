@@ -94,15 +94,15 @@ def headline(result: Result) -> str:
     if verdict == "no gap":
         return "No gap: nothing needs to be added to the model."
     if verdict in NAMED:
-        more = " More is missing." if verdict != "named" else ""
-        return f"Named: {listed([term_name(t) for t in terms if _named(t)] or ['-'])}.{more}"
+        suffix = " More is missing." if verdict != "named" else ""
+        return f"Named: {listed([term_name(t) for t in terms if _named(t)] or ['-'])}.{suffix}"
     if verdict == "ambiguous":
         groups = [listed([_alternative(n) for n in group], "or") for group in ambiguous(result)]
-        known = [term_name(t) for t in terms if t.get("verdict") == "named"]
-        known += [f"{k['kind']} in {place_of(k['places'])}, by what law is not told"
-                  for k in result.get("kinds") or ()]  # fmt: skip
-        more = f" Named: {'; '.join(known)}." if known else ""
-        return f"Ambiguous: {'; '.join(groups)}. These recordings cannot tell.{more}"
+        identified = [term_name(t) for t in terms if t.get("verdict") == "named"]
+        identified += [f"{k['kind']} in {place_of(k['places'])}, by what law is not told"
+                       for k in result.get("kinds") or ()]  # fmt: skip
+        suffix = f" Named: {'; '.join(identified)}." if identified else ""
+        return f"Ambiguous: {'; '.join(groups)}. These recordings cannot tell.{suffix}"
     return "Unknown: the model lacks something that none of the known effects explains."
 
 
@@ -152,8 +152,8 @@ def gap_line(result: Result) -> str:
 
 def learned_line(result: Result) -> str:
     """Sentence about the learned correction and its type; empty if none was requested."""
-    found = result.get("residual")
-    return f"{found['kind'].replace(':', ',')}: {found['says']}" if found else ""
+    residual = result.get("residual")
+    return f"{residual['kind'].replace(':', ',')}: {residual['says']}" if residual else ""
 
 
 def closed_rms(gap: Mapping[str, Any]) -> str:
@@ -163,8 +163,8 @@ def closed_rms(gap: Mapping[str, Any]) -> str:
 
 def told(result: Result, keys: Sequence[str] = ("before", "after")) -> list[str]:
     """Keys of the available gap figures; only ``before`` if the verdict is unknown."""
-    known = [key for key in keys if result["gap"].get(key) is not None]
-    return [key for key in known if result["verdict"] != "unknown" or key == "before"]
+    stages = [key for key in keys if result["gap"].get(key) is not None]
+    return [key for key in stages if result["verdict"] != "unknown" or key == "before"]
 
 
 def at_the_robot(result: Result) -> list[str]:
@@ -173,24 +173,24 @@ def at_the_robot(result: Result) -> list[str]:
     for group in ambiguous(result) if result["verdict"] == "ambiguous" else ():
         names = {str(item).split(" ")[0] for item in group}
         for name in sorted(names & set(EFFECTS)):
-            for alike in EFFECTS[name].identity.look_alikes:
-                if alike.name in names:
-                    tests.setdefault(frozenset((name, alike.name)), []).append(alike.experiment)
+            for similar in EFFECTS[name].identity.look_alikes:
+                if similar.name in names:
+                    tests.setdefault(frozenset((name, similar.name)), []).append(similar.experiment)
     return [
-        f"{listed([words(n) for n in sorted(pair)], 'from')}: {'; or '.join(dict.fromkeys(found))}"
-        for pair, found in tests.items()
+        f"{listed([words(n) for n in sorted(pair)], 'from')}: {'; or '.join(dict.fromkeys(tasks))}"
+        for pair, tasks in tests.items()
     ]
 
 
 def next_line(row: Mapping[str, Any]) -> str:
     """Benefit of an experiment as text."""
     parts = separated(row)
-    apart = f" tells {listed(parts, 'from')} apart" if len(parts) > 1 else ""
+    purpose = f" tells {listed(parts, 'from')} apart" if len(parts) > 1 else ""
     odds = f", odds expected {odds_text(row['odds'])}" if row.get("odds") else ""
-    return f"{words(str(row['experiment']))}{apart}{odds}"
+    return f"{words(str(row['experiment']))}{purpose}{odds}"
 
 
 def separated(row: Mapping[str, Any]) -> list[str]:
     """The explanations that an experiment distinguishes."""
-    found = row.get("separates") or []
-    return [found] if isinstance(found, str) else [_alternative(x) for x in found]
+    items = row.get("separates") or []
+    return [items] if isinstance(items, str) else [_alternative(x) for x in items]

@@ -39,15 +39,15 @@ def read(bag: Bag, robot: Robot, namespace: str, base_pose: bool) -> tuple[list[
     """
     prefix = _prefix(bag, robot, namespace)
     if _has(bag, prefix + ROBOT_STATE, _STATE):
-        found, notes = _own_messages(bag, prefix, robot), []
+        tracks, notes = _own_messages(bag, prefix, robot), []
     else:
-        found, notes = _standard(bag, prefix)
-        found = _own_joints(found, robot, notes)
+        tracks, notes = _standard(bag, prefix)
+        tracks = _own_joints(tracks, robot, notes)
     if base_pose:
         if not _has(bag, prefix + ODOMETRY, "nav_msgs/msg/Odometry"):
             raise BagError(f"{bag.path.name} has no {prefix}{ODOMETRY}, asked for by base_pose")
-        found += _pose(bag, prefix + ODOMETRY)
-    return found, notes
+        tracks += _pose(bag, prefix + ODOMETRY)
+    return tracks, notes
 
 
 def _has(bag: Bag, topic: str, kind: str) -> bool:
@@ -57,10 +57,10 @@ def _has(bag: Bag, topic: str, kind: str) -> bool:
 
 def _prefix(bag: Bag, robot: Robot, namespace: str) -> str:
     """Namespace of the robot with slashes, determined from the topics and their joints."""
-    wanted = {STATES: _JOINTS, ROBOT_STATE: _STATE}
+    required = {STATES: _JOINTS, ROBOT_STATE: _STATE}
     spaces = {
         topic[: -len(name)]
-        for name, kind in wanted.items()
+        for name, kind in required.items()
         for topic in bag.topics
         if topic.endswith("/" + name) and _has(bag, topic, kind)
     }
@@ -96,12 +96,12 @@ def _standard(bag: Bag, prefix: str) -> tuple[list[Track], list[str]]:
             f"has {', '.join(sorted(bag.topics))} (a mapping can name another topic)"
         )
     notes: list[str] = []
-    found = joint_states.tracks(bag, prefix + STATES, KINDS, notes)
+    tracks = joint_states.tracks(bag, prefix + STATES, KINDS, notes)
     commands = {field: f"command_{kind}" for field, kind in COMMANDS.items()}
-    found += joint_states.tracks(bag, prefix + COMMAND, commands, notes)
+    tracks += joint_states.tracks(bag, prefix + COMMAND, commands, notes)
     if _has(bag, prefix + IMU, "sensor_msgs/msg/Imu"):
-        found += _imu(bag, prefix + IMU)
-    return found, notes
+        tracks += _imu(bag, prefix + IMU)
+    return tracks, notes
 
 
 def _own_joints(found: list[Track], robot: Robot, notes: list[str]) -> list[Track]:
@@ -116,12 +116,12 @@ def _own_joints(found: list[Track], robot: Robot, notes: list[str]) -> list[Trac
 def _imu(bag: Bag, topic: str) -> list[Track]:
     """Tracks of an IMU, without an orientation that the message marks as unknown."""
     records = bag.records(topic)
-    found = _blocks(
+    tracks = _blocks(
         records, topic, {"gyro": "angular_velocity", "acceleration": "linear_acceleration"}
     )
-    turned = _blocks(records, topic, {"orientation": "orientation"})
-    known = np.any(np.stack([track.x for track in turned]) != 0.0)
-    return found + turned if known else found
+    orientations = _blocks(records, topic, {"orientation": "orientation"})
+    has_orientation = np.any(np.stack([track.x for track in orientations]) != 0.0)
+    return tracks + orientations if has_orientation else tracks
 
 
 def _pose(bag: Bag, topic: str) -> list[Track]:
@@ -149,29 +149,29 @@ def _own_messages(bag: Bag, prefix: str, robot: Robot) -> list[Track]:
             f"{bag.path.name} has no messages on {prefix}{MOTION}, role command is missing; it has "
             f"{', '.join(sorted(bag.topics))}"
         )
-    wanted = {
+    required = {
         ROBOT_STATE: {"q": "q", "dq": "dq", "tau": "tau"},
         MOTION: {"command_position": "q", "command_velocity": "dq"},
         TRUNK: {"command_torque": "tau"},
     }
-    found: list[Track] = []
-    for name, roles in wanted.items():
+    tracks: list[Track] = []
+    for name, roles in required.items():
         if name == TRUNK and not bag.topics.get(prefix + TRUNK):
             continue
         records = bag.records(prefix + name)
         t = seconds(records, "stamp")
         for role, field in roles.items():
-            found += _side_by_side(role, robot.joints, t, records[field], prefix + name)
+            tracks += _side_by_side(role, robot.joints, t, records[field], prefix + name)
         if name == TRUNK:
-            found += _side_by_side("stance", robot.feet, t, records["stance"], prefix + name)
+            tracks += _side_by_side("stance", robot.feet, t, records["stance"], prefix + name)
     records = bag.records(prefix + ROBOT_STATE)
     t = seconds(records, "stamp")
     force = records["grf"].reshape(len(t), -1, 3)[:, :, 2]
-    found += _side_by_side("grf", robot.feet, t, force, prefix + ROBOT_STATE)
+    tracks += _side_by_side("grf", robot.feet, t, force, prefix + ROBOT_STATE)
     imu = {"orientation": "orientation", "gyro": "angular_velocity"}
     for role, field in (imu | {"acceleration": "linear_acceleration"}).items():
-        found += _side_by_side(role, AXES[role], t, records[field], prefix + ROBOT_STATE)
-    return found
+        tracks += _side_by_side(role, AXES[role], t, records[field], prefix + ROBOT_STATE)
+    return tracks
 
 
 def _side_by_side(

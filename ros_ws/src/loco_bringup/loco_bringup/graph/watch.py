@@ -133,9 +133,9 @@ class Watch:
         for namespace, graph in self._graphs.items():
             if graph.started and not graph.alone:
                 names = [row.name for row in TABLES[graph.table].values() if row.paced]
-                stranger = listener.strangers(_join(namespace, name) for name in names)
-                graph.alone = not stranger
-                self._error = self._error or (f"{stranger}; {ANOTHER}" if stranger else "")
+                conflict = listener.strangers(_join(namespace, name) for name in names)
+                graph.alone = not conflict
+                self._error = self._error or (f"{conflict}; {ANOTHER}" if conflict else "")
 
     def _check(self) -> None:
         if self._error:

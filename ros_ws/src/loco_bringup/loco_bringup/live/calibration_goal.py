@@ -63,10 +63,10 @@ class Job:
     def _options(self) -> CalibrationParams:
         """Settings of the node, overridden by the values of the goal."""
         goal = self._goal
-        given = {"parameters": goal.parameter_set, "loss": goal.loss, "seed": int(goal.seed)}
+        requested = {"parameters": goal.parameter_set, "loss": goal.loss, "seed": int(goal.seed)}
         for name in ("generations", "evaluations", "population"):
-            given[name] = int(getattr(goal, name))
-        changes = {name: value for name, value in given.items() if value}
+            requested[name] = int(getattr(goal, name))
+        changes = {name: value for name, value in requested.items() if value}
         if not goal.bag:
             changes["skip"] = 0.0  # the listener has already skipped the start
         return replace(self._node.options, **changes)

@@ -80,13 +80,13 @@ class GapSearchJob:
         return job
 
     async def _listen(self, robot: Robot) -> list[Record]:
-        heard, timeout = self._node.measured, self._node.listen.patience
-        while heard.signals.length < self.duration and not self._cancelled():
+        measured, timeout = self._node.measured, self._node.listen.patience
+        while measured.signals.length < self.duration and not self._cancelled():
             await self._node.until(lambda: True)
-            heard.check(timeout)
-            share = heard.signals.length / self.duration
+            measured.check(timeout)
+            share = measured.signals.length / self.duration
             self._report(Progress(0.1 * min(1.0, share), "listening", ""), "listening")
-        return [] if self._cancelled() else live_records(heard.signals, robot)
+        return [] if self._cancelled() else live_records(measured.signals, robot)
 
     async def _searching(self) -> None:
         while self._result is None and not self._cancelled():

@@ -44,8 +44,8 @@ def drawing(robot: Robot, links: Collection[str], where: str) -> Markup:
     points = {link: VIEW @ origin[0] for link, (_, origin) in frames.items()}
     positions = np.array(list(points.values()))
     low, size = positions.min(axis=0), np.ptp(positions, axis=0)
-    room = np.array([WIDTH - 2 * EDGE, HEIGHT - 2 * EDGE])
-    scale = float(np.min(room / np.maximum(size, 1e-3 + 0.02 * size.max())))
+    extent = np.array([WIDTH - 2 * EDGE, HEIGHT - 2 * EDGE])
+    scale = float(np.min(extent / np.maximum(size, 1e-3 + 0.02 * size.max())))
     start = (np.array([WIDTH, HEIGHT]) - scale * size) / 2.0
     at = {link: start + scale * (point - low) for link, point in points.items()}
     bones = [

@@ -52,23 +52,23 @@ def run(a: argparse.Namespace) -> int:
 
 def rows(cases: list[Case]) -> list[list[str]]:
     """Table rows, one for each method that has cases with a controller."""
-    made = []
+    result = []
     for method in METHODS:
         its = [case for case in cases if case.method == method and not case.reason]
         if its:
             cells = [_cell(its, condition, key) for condition, key in MEASURES]
-            made.append([method, str(len(its)), *cells])
-    return made
+            result.append([method, str(len(its)), *cells])
+    return result
 
 
 def _cell(cases: list[Case], condition: str, key: str) -> str:
     values = [case.rows[condition][key] for case in cases]
     if key == "falls":
         return f"{sum(values)} of {sum(case.rows[condition]['count'] for case in cases)}"
-    known = [value for value in values if math.isfinite(value)]
-    if not known:
+    finite = [value for value in values if math.isfinite(value)]
+    if not finite:
         return "–"
-    return f"{np.mean(known):.3f} ({min(known):.3f} … {max(known):.3f})"
+    return f"{np.mean(finite):.3f} ({min(finite):.3f} … {max(finite):.3f})"
 
 
 def markdown(cases: list[Case]) -> str:
@@ -79,6 +79,6 @@ def markdown(cases: list[Case]) -> str:
     text += [lines(head), lines(["---"] * len(head))]
     for case in cases:
         values = [case.rows[c][k] if case.rows else math.nan for c, k in MEASURES]
-        texts = [f"{v:.4g}" if math.isfinite(v) else "–" for v in values]
-        text.append(lines([case.method, str(case.seed), f"{case.seconds:.0f}", *texts]))
+        formatted = [f"{v:.4g}" if math.isfinite(v) else "–" for v in values]
+        text.append(lines([case.method, str(case.seed), f"{case.seconds:.0f}", *formatted]))
     return "\n".join(text) + "\n"

@@ -44,15 +44,15 @@ def run(a: argparse.Namespace) -> int:
         def tell(p: Progress) -> None:
             progress.update(task, completed=p.update, now=line(p))
 
-        found = learn.learn(experiment, params, folder, a.workers, tell)
-    paths = learn.write(experiment, params, folder, found.readout, a.test)
+        result = learn.learn(experiment, params, folder, a.workers, tell)
+    paths = learn.write(experiment, params, folder, result.readout, a.test)
     trials = a.trials and tried(experiment, params.lead, folder, TrialParams(count=a.trials))
     if trials:
         console.print(compared(trials))
-    paths.append(page.write(experiment, params, found, trials or {}, folder))
+    paths.append(page.write(experiment, params, result, trials or {}, folder))
     console.print(
-        f"return {found.first:.3f} before, {found.value:.3f} after update {found.update} of "
-        f"{found.updates}; {found.seconds:g} s simulated"
+        f"return {result.first:.3f} before, {result.value:.3f} after update {result.update} of "
+        f"{result.updates}; {result.seconds:g} s simulated"
     )
     for path in paths:
         console.print(f"  {path}")
@@ -75,13 +75,13 @@ def begin(experiment: Experiment, folder: Path, weights: Path | None, zero: bool
         raise ParameterError(f"--zero and --weights {weights} exclude each other; give one")
     start = folder / learn.START
     if not (start.is_file() and (folder / learn.RECORD).is_file()):
-        taught = first_weights(experiment, start, weights or "", zero)
-        if taught:
-            console.print(f"{experiment.name}: FORCE taught the readout in {taught:g} s")
+        teaching_time = first_weights(experiment, start, weights or "", zero)
+        if teaching_time:
+            console.print(f"{experiment.name}: FORCE taught the readout in {teaching_time:g} s")
         return
-    there = read_readout(start, kind(experiment))
-    asked = read_readout(weights, kind(experiment)) if weights else np.zeros_like(there)
-    if (weights or zero) and not np.array_equal(asked, there):
+    stored = read_readout(start, kind(experiment))
+    requested = read_readout(weights, kind(experiment)) if weights else np.zeros_like(stored)
+    if (weights or zero) and not np.array_equal(requested, stored):
         raise ParameterError(
             f"{folder} holds work that began with another readout; choose another --out"
         )
@@ -117,11 +117,11 @@ HEAD = (
 
 def cells(rows: dict[str, Row]) -> list[str]:
     """Cells of a table row, without the first cell with its name."""
-    calm, pushed, bodies = (rows[name] for name in ("calm", "pushed", "bodies"))
-    said = [f"{calm.speed:.3f}", f"{calm.cost:.3f}", f"{calm.falls} of {calm.count}"]
-    for row in (pushed, bodies):
-        said += [f"{row.speed:.3f}", f"{row.falls} of {row.count}"]
-    return said
+    nominal, disturbed, bodies = (rows[name] for name in ("calm", "pushed", "bodies"))
+    columns = [f"{nominal.speed:.3f}", f"{nominal.cost:.3f}", f"{nominal.falls} of {nominal.count}"]
+    for row in (disturbed, bodies):
+        columns += [f"{row.speed:.3f}", f"{row.falls} of {row.count}"]
+    return columns
 
 
 def compared(trials: dict[str, dict[str, Row]]):

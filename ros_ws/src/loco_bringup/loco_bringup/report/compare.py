@@ -43,8 +43,8 @@ from .parts import label, unit
 def show_comparison(a: argparse.Namespace) -> int:
     """Write the page about some bags; print the verdict, the differing metrics and the path."""
     logs = read_runs(a.bag)
-    written, found = write_whole(a.out, page(logs)), compared(logs)
-    for line in (verdict(logs, found)[0], *falls(logs), *map(sentence, found)):
+    written, comparisons = write_whole(a.out, page(logs)), compared(logs)
+    for line in (verdict(logs, comparisons)[0], *falls(logs), *map(sentence, comparisons)):
         console.print(line)
     console.print(str(written))
     return 0
@@ -64,8 +64,8 @@ def read_runs(bags: list[Path]) -> dict[str, Log]:
     if len(set(names)) < len(names):
         raise ParameterError(f"bags of one name cannot be told apart: {', '.join(names)}")
     logs = {name: read_log(open_bag(bag)) for name, bag in zip(names, bags, strict=True)}
-    first, *others = logs
-    for name in others:
+    first, *candidates = logs
+    for name in candidates:
         for what, value in (("robot", _robot), ("control period", lambda log: f"{log.dt:g} s")):
             one, other = value(logs[first]), value(logs[name])
             if one != other:
@@ -101,33 +101,33 @@ def compared(logs: Mapping[str, Log]) -> list[Compared]:
     Raises:
         ParameterError: The runs have no phase in common.
     """
-    name, *others = logs
+    name, *candidates = logs
     phases = shared(logs)
     if not phases:
         raise ParameterError("the runs have no phase in common; compare runs of like experiments")
-    first, found = logs[name], []
-    for other in others:
+    first, comparisons = logs[name], []
+    for other in candidates:
         for phase in phases:
-            rows = differences(first, logs[other], phase, len(phases) * len(others))
+            rows = differences(first, logs[other], phase, len(phases) * len(candidates))
             rows.sort(key=lambda row: (not row.kind, not row.judged))
-            found.append(Compared(other, window(first, logs[other], phase), rows))
-    return found
+            comparisons.append(Compared(other, window(first, logs[other], phase), rows))
+    return comparisons
 
 
 def page(logs: Mapping[str, Log]) -> str:
     """HTML text of the page; all runs are compared with the first."""
-    found, first = compared(logs), next(iter(logs.values()))
-    said, well = verdict(logs, found)
+    comparisons, first = compared(logs), next(iter(logs.values()))
+    headline, well = verdict(logs, comparisons)
     header = html.join(
         [
-            html.verdict(said, well),
+            html.verdict(headline, well),
             html.paragraph(f"{_robot(first)}. {repeated(logs)}"),
-            html.bullets([*falls(logs), *map(sentence, found)]),
-            html.cards([_card(row, one) for one in found for row in one.differing][:6]),
+            html.bullets([*falls(logs), *map(sentence, comparisons)]),
+            html.cards([_card(row, one) for one in comparisons for row in one.differing][:6]),
         ]
     )
     parts = [
-        html.part("Metrics", lambda: _table(logs, found)),
+        html.part("Metrics", lambda: _table(logs, comparisons)),
         html.part("Joints", lambda: html.figure(joints(logs), "Joints", _JOINTS)),
     ]
     if moves(first):
@@ -137,17 +137,17 @@ def page(logs: Mapping[str, Log]) -> str:
 
 def verdict(logs: Mapping[str, Log], found: Sequence[Compared]) -> tuple[str, bool | None]:
     """Verdict as short text, and whether it is positive; None if nothing could be compared."""
-    name, *others = logs
-    ends = [run for run in others if logs[run].fall != logs[name].fall]
-    apart = [run for run in others
-             if run in ends or any(one.differing for one in found if one.run == run)]  # fmt: skip
-    judged = [row for one in found for row in one.rows if row.judged]
-    if apart:
-        return f"{', '.join(apart)} {'differs' if len(apart) == 1 else 'differ'} from {name}", False
-    if not judged:
+    name, *candidates = logs
+    falling = [run for run in candidates if logs[run].fall != logs[name].fall]
+    runs = [run for run in candidates
+            if run in falling or any(one.differing for one in found if one.run == run)]  # fmt: skip
+    assessed = [row for one in found for row in one.rows if row.judged]
+    if runs:
+        return f"{', '.join(runs)} {'differs' if len(runs) == 1 else 'differ'} from {name}", False
+    if not assessed:
         longest = max(found, key=lambda one: one.window.count)
         return f"too short to be judged: {_short(longest.window)}", None
-    return f"no difference from {name} in {len(judged)} metrics", True
+    return f"no difference from {name} in {len(assessed)} metrics", True
 
 
 def falls(logs: Mapping[str, Log]) -> list[str]:
@@ -159,11 +159,11 @@ def falls(logs: Mapping[str, Log]) -> list[str]:
 def sentence(one: Compared) -> str:
     """Names of the metrics that differ in a phase of a run, or why none was compared."""
     where = f"{one.run}, phase “{one.window.phase}”"
-    judged = sum(row.judged for row in one.rows)
-    if not judged:
+    n_assessed = sum(row.judged for row in one.rows)
+    if not n_assessed:
         return f"{where}: not judged, {_short(one.window)}."
     names = ", ".join(label(row.metric).lower() for row in one.differing)
-    return f"{where}: {names or 'nothing'} differs, of {judged} metrics."
+    return f"{where}: {names or 'nothing'} differs, of {n_assessed} metrics."
 
 
 def _short(here: Window) -> str:
@@ -190,14 +190,14 @@ def _when(row: Difference) -> str:
 
 def repeated(logs: Mapping[str, Log]) -> str:
     """Sentence on the differences of the runs' joint angles from those of the first run."""
-    first, *others = logs.values()
-    apart = []
-    for log in others:
+    first, *repeats = logs.values()
+    gaps = []
+    for log in repeats:
         count = min(len(first), len(log))
-        apart.append(float(np.nanmax(np.abs(first.q[:count] - log.q[:count]), initial=0.0)))
-    if max(apart) == 0.0:
+        gaps.append(float(np.nanmax(np.abs(first.q[:count] - log.q[:count]), initial=0.0)))
+    if max(gaps) == 0.0:
         return "The joints move alike to the last bit, as long as the shortest run lasts."
-    return f"The joints are up to {html.number(max(apart))} rad (or m) from those of the first run."
+    return f"The joints are up to {html.number(max(gaps))} rad (or m) from those of the first run."
 
 
 def joints(logs: Mapping[str, Log]) -> Plot:

@@ -99,10 +99,10 @@ def posed(log: Log) -> Log:
     Raises:
         BagError: The run has no ground truth.
     """
-    known = ~np.isnan(log.position[:, 0])
-    if not known.any():
+    valid = ~np.isnan(log.position[:, 0])
+    if not valid.any():
         raise BagError("the bag has no ground_truth/odom")
-    rows = np.maximum.accumulate(np.where(known, np.arange(len(log)), np.argmax(known)))
+    rows = np.maximum.accumulate(np.where(valid, np.arange(len(log)), np.argmax(valid)))
     names = ("position", "orientation", "velocity", "spin")
     return log.changed(**{name: log.columns[name][rows] for name in names})
 
@@ -149,8 +149,8 @@ def timeline(log: Log) -> Chart:
         layers.append(line("fall", [end, end], [-0.5, len(lanes) - 0.5], BOUND, size=3.0))
     # The first lane is at the top.
     layers = [turned(layer, len(lanes)) for layer in layers]
-    whole = (float(log.t[0]), float(log.t[-1]) + log.dt)
-    axes = Axis("time [s]", limits=whole), Axis("signal", names=lanes[::-1])
+    span = (float(log.t[0]), float(log.t[-1]) + log.dt)
+    axes = Axis("time [s]", limits=span), Axis("signal", names=lanes[::-1])
     return Chart([Frame(*axes, layers, height=60 + 30 * len(lanes))])
 
 
@@ -168,13 +168,13 @@ def turned(layer: Layer, lanes: int) -> Layer:
 
 def _joined(spans: list[tuple[float, float]], gap: float = JOINED) -> list[tuple[float, float]]:
     """Intervals (start, length) [s]; intervals less than `gap` [s] apart are merged."""
-    joined: list[tuple[float, float]] = []
+    merged: list[tuple[float, float]] = []
     for start, length in spans:
-        if joined and start - sum(joined[-1]) < gap:
-            first = joined.pop()[0]
+        if merged and start - sum(merged[-1]) < gap:
+            first = merged.pop()[0]
             length, start = start + length - first, first
-        joined.append((start, length))
-    return joined
+        merged.append((start, length))
+    return merged
 
 
 def drivers(log: Log) -> tuple[np.ndarray, np.ndarray]:
@@ -264,7 +264,7 @@ def limit_cycle(log: Log) -> Chart:
             "measured", MEASURED, 0.8,
         ),
     )  # fmt: skip
-    planes = [(signals.limit_cycle(target, x)[1], *look) for x, *look in tracks]
+    planes = [(signals.limit_cycle(target, x)[1], *style) for x, *style in tracks]
     frames = []
     for name, ticks in log.phases().items():
         first = max(ticks.start, ticks.stop - STRIDES * quantities.period(log))
@@ -291,8 +291,8 @@ def of_one_range(frames: list[Frame]) -> list[Frame]:
     Args:
         frames: The frames, at least one.
     """
-    ends = [np.array([limits(f, horizontal) for f in frames]) for horizontal in (True, False)]
-    across, up = ((float(e[:, 0].min()), float(e[:, 1].max())) for e in ends)
+    extents = [np.array([limits(f, horizontal) for f in frames]) for horizontal in (True, False)]
+    across, up = ((float(e[:, 0].min()), float(e[:, 1].max())) for e in extents)
     return [
         dataclasses.replace(
             f, x=dataclasses.replace(f.x, limits=across), y=dataclasses.replace(f.y, limits=up)
@@ -303,7 +303,7 @@ def of_one_range(frames: list[Frame]) -> list[Frame]:
 
 def readout(check: ReadoutCheck, joint: int = 1, name: str = "LF KFE") -> Plot:
     """Command of one joint and the recomputed network, and their differences in the test phase."""
-    off = np.max(np.abs(check.commanded - check.recomputed), axis=1)
+    error = np.max(np.abs(check.commanded - check.recomputed), axis=1)
     panels = [
         Panel(
             f"{name} [rad]",
@@ -317,13 +317,13 @@ def readout(check: ReadoutCheck, joint: int = 1, name: str = "LF KFE") -> Plot:
             "distance of the command [rad, rad/s]",
             [
                 Line("from the target", np.maximum(check.target_distance, _ZERO), TARGET, 2.0),
-                Line("from the network run again", np.maximum(off, _ZERO), OTHER),
+                Line("from the network run again", np.maximum(error, _ZERO), OTHER),
             ],
             logarithmic=True,
         ),
     ]
-    shown = check.t[-min(len(check.t), SHOWN_TICKS)], check.t[-1]
-    return Plot(check.t, panels, view=(float(shown[0]), float(shown[1])))
+    interval = check.t[-min(len(check.t), SHOWN_TICKS)], check.t[-1]
+    return Plot(check.t, panels, view=(float(interval[0]), float(interval[1])))
 
 
 _ZERO = 1e-16  # drawn in place of a difference of 0

@@ -96,15 +96,15 @@ def driven_joints(log: Log) -> Plot:
 def passive(log: Log) -> Plot:
     """Angle of each passive joint."""
     plant = log.experiment.plant
-    found = passive_joints(plant)[:MOST]
-    if not len(found):
+    joints = passive_joints(plant)[:MOST]
+    if not len(joints):
         raise BagError("every joint of this robot has a drive")
     panels = [
         Panel(
             f"{short(plant.joints[joint])} [rad]",
             [Line("measured", log.q[:, joint], MEASURED, 1.0)],
         )
-        for joint in found
+        for joint in joints
     ]
     return Plot(log.t, panels, spans(log), view=close_look(log))
 
@@ -118,17 +118,17 @@ def passive(log: Log) -> Plot:
 def prediction_error(log: Log) -> Plot:
     """Smoothed NRMSE and lag through time."""
     bounds, log = log.experiment.criterion, learned(log)
-    known = ~np.isnan(log.prediction[:, 0])
-    if not known.any():
+    valid = ~np.isnan(log.prediction[:, 0])
+    if not valid.any():
         raise BagError("the bag has no joint_prediction")
-    first, alone = int(np.argmax(known)), driven(log)
-    shown = log.cut(slice(first, None))
+    first, driven_part = int(np.argmax(valid)), driven(log)
+    predicted = log.cut(slice(first, None))
     error, lag = np.full(len(log), np.nan), np.full(len(log), np.nan)
     error[first:] = signals.smoothed_nrmse(
-        *quantities.target_and_prediction(shown), quantities.period(log)
+        *quantities.target_and_prediction(predicted), quantities.period(log)
     )
-    begin = int(np.searchsorted(log.t, alone.t[0]))
-    lag[begin : begin + len(alone)] = quantities.lag(alone)
+    start = int(np.searchsorted(log.t, driven_part.t[0]))
+    lag[start : start + len(driven_part)] = quantities.lag(driven_part)
     panels = [
         error_panel(error, bounds.nrmse),
         Panel("lag [stride]", [Line("lag", lag, COMMAND)]),
@@ -144,16 +144,16 @@ def prediction_error(log: Log) -> Plot:
 )
 def limit_cycle(log: Log) -> Chart:
     """Commands and passive joints in a common PCA plane, by phase."""
-    stride, whole = quantities.period(log), log.phases().items()
-    found = {k: v for k, v in whole if v.stop - v.start > stride and k != "stand"}
-    if not found:
+    stride, phase_ticks = quantities.period(log), log.phases().items()
+    phases = {k: v for k, v in phase_ticks if v.stop - v.start > stride and k != "stand"}
+    if not phases:
         raise BagError("the run ended before the robot had made a stride")
     points = np.concatenate(
         (log.command, log.command_dq, log.q[:, passive_joints(log.experiment.plant)]), axis=1
     )
     plane = signals.limit_cycle(points, points)[1]
     frames = []
-    for name, ticks in found.items():
+    for name, ticks in phases.items():
         first = max(ticks.start, ticks.stop - STRIDES * stride)
         drives = name in ("closing", "test")
         label, color = ("readout drives", COMMAND) if drives else ("oscillators drive", OTHER)
@@ -171,13 +171,13 @@ def path(log: Log) -> Chart:
         xy = log.position[slice(ticks.start, ticks.stop + 1), :2]
         layers.append(line(name, *xy.T, PALETTE[i], size=1.6))
     marks = log.position[::step, :2]
-    texts = [f"stride {5 * k}" for k in range(len(marks))]
-    layers.append(dots("every fifth stride", *marks.T, GREY, size=2.5, texts=texts))
+    labels = [f"stride {5 * k}" for k in range(len(marks))]
+    layers.append(dots("every fifth stride", *marks.T, GREY, size=2.5, texts=labels))
     yaw = signals.roll_pitch_yaw(log.orientation)[-1, 2]
     x, y = log.position[-1, :2]
     reach = 0.05 * max(float(np.ptp(log.position[:, :2], axis=0).max()), 0.1)
-    ends = [x, x + reach * np.cos(yaw)], [y, y + reach * np.sin(yaw)]
-    layers.append(line("heading at the end", *ends, MEASURED, size=2.0))
+    heading = [x, x + reach * np.cos(yaw)], [y, y + reach * np.sin(yaw)]
+    layers.append(line("heading at the end", *heading, MEASURED, size=2.0))
     return Chart([Frame(Axis("x [m]"), Axis("y [m]"), layers, equal=True)])
 
 
@@ -202,13 +202,13 @@ def feet(log: Log) -> Chart:
     if not names:
         raise BagError("the robot has no feet")
     log = posed(log).cut(tail(posed(log), STRIDES))
-    places = feet_in_base(log.experiment.plant, log.q)  # (T, f, 3)
-    height = np.einsum("ti,tfi->tf", _down(log.orientation), places) + log.position[:, 2:]
+    positions = feet_in_base(log.experiment.plant, log.q)  # (T, f, 3)
+    height = np.einsum("ti,tfi->tf", _down(log.orientation), positions) + log.position[:, 2:]
     lowest, rows = float(height.min()), slice(-2 * quantities.period(log), None)
     paths, heights = [], []
     for i, name in enumerate(names):
         label, color = name.replace("_foot", ""), PALETTE[i % len(PALETTE)]
-        paths.append(line(label, *places[:, i, ::2].T, color, size=1.0))
+        paths.append(line(label, *positions[:, i, ::2].T, color, size=1.0))
         heights.append(line(label, log.t[rows], 1e3 * (height[rows, i] - lowest), color))
     return Chart([
         Frame(Axis("x [m]"), Axis("z [m]"), paths, "paths", equal=True),

@@ -113,20 +113,20 @@ def periods(run: LiveRun) -> Plot:
         (run.before, DEFAULT, "model as given"),
         (run.after, CALIBRATED, "last model"),
     ]
-    available = [(found, str(style["color"]), label) for found, style, label in sources if found]
+    available = [(period, str(style["color"]), label) for period, style, label in sources if period]
     if not available:
         raise BagError("no whole period was recorded")
-    count = max(found.mean.shape[0] for found, _, _ in available)
+    count = max(period.mean.shape[0] for period, _, _ in available)
     share = np.arange(count) / count
     panels = []
     for j, joint in enumerate(run.joints):
         lines = []
-        for found, color, label in available:
-            phase = np.arange(found.mean.shape[0]) / found.mean.shape[0]
+        for period, color, label in available:
+            phase = np.arange(period.mean.shape[0]) / period.mean.shape[0]
             mean, deviation = (np.interp(share, phase, np.degrees(values[:, j]))
-                            for values in (found.mean, found.spread))  # fmt: skip
+                            for values in (period.mean, period.spread))  # fmt: skip
             lines += [Line(label, mean + by * deviation, color, 0.8, dashed=True) for by in (-1, 1)]
-            lines.append(Line(label, mean, color, 2.4 if found is run.measured else 1.6))
+            lines.append(Line(label, mean, color, 2.4 if period is run.measured else 1.6))
         panels.append(Panel(f"{joint.removesuffix('_joint').replace('_', ' ')} [deg]", lines))
     return Plot(share * run.period, panels, axis="time in the period [s]")
 

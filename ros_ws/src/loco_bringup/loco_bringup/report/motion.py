@@ -41,12 +41,12 @@ SLOW = 0.03  # speed below which the cost of transport is meaningless [m/s]
 )
 def ground_reaction_forces(log: Log) -> Plot:
     """Vertical force per leg."""
-    half = np.full(len(log), log.experiment.trunk.mass * log.experiment.trunk.gravity / 2.0)
+    half_weight = np.full(len(log), log.experiment.trunk.mass * log.experiment.trunk.gravity / 2.0)
     panels = [
         Panel(
             f"{leg.upper()} [N]",
             [
-                Line("half the weight", half, MEASURED, 0.9, dashed=True),
+                Line("half the weight", half_weight, MEASURED, 0.9, dashed=True),
                 Line("force", log.grf[:, i, 2], OTHER, 1.0),
             ],
         )

@@ -153,9 +153,9 @@ def header(bag: Bag, log: MsdLog) -> Markup:
 def sentence(log: MsdLog) -> str:
     """Summary of the run as a sentence."""
     speed = {name: _speed(log, a, b) for name, a, b in log.spans() if b - a > 0.5}
-    words = ", ".join(f"{value:.2f} m/s in {name}" for name, value in speed.items())
+    speeds = ", ".join(f"{value:.2f} m/s in {name}" for name, value in speed.items())
     text = f"{log.network.nodes} masses and {log.network.count} springs went "
-    text += f"{log.distance[-1]:.1f} m in {log.t[-1]:.1f} s: {words}."
+    text += f"{log.distance[-1]:.1f} m in {log.t[-1]:.1f} s: {speeds}."
     if "test" in speed:
         text += " In test nothing but the readout of their accelerations drove the springs."
     return text
@@ -201,8 +201,8 @@ def links_figure(log: MsdLog) -> Plot:
 
 def cycle_figure(log: MsdLog) -> Chart:
     """Accelerations, smoothed over 0.1 s, in their principal components."""
-    begin = next((a for name, a, _ in log.spans() if name == "test"), log.t[-1] / 2.0)
-    a = log.acceleration[log.t >= begin].reshape(np.count_nonzero(log.t >= begin), -1)
+    start = next((a for name, a, _ in log.spans() if name == "test"), log.t[-1] / 2.0)
+    a = log.acceleration[log.t >= start].reshape(np.count_nonzero(log.t >= start), -1)
     width = max(1, round(0.1 / log.dt))
     if len(a) < 2 * width:
         raise BagError("the test is too short for a limit cycle")
@@ -255,8 +255,8 @@ def _frame(log: MsdLog, row: int, scale: float, width: int, height: int) -> Imag
     middle = float(log.position[row, :, 0].mean())
     x = width / 2 + scale * (log.position[row, :, 0] - middle)
     z = ground - scale * log.position[row, :, -1]
-    half = width / 2 / scale
-    for metre in range(math.ceil(middle - half), math.floor(middle + half) + 1):
+    half_width = width / 2 / scale
+    for metre in range(math.ceil(middle - half_width), math.floor(middle + half_width) + 1):
         at = width / 2 + scale * (metre - middle)
         draw.line((at, ground, at, ground + (12 if metre % 5 == 0 else 6)), fill=(150, 140, 120))
     for (i, j), factor in zip(log.network.links, log.command[row], strict=True):

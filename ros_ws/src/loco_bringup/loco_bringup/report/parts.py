@@ -41,8 +41,8 @@ def ending(log: Log) -> Markup:
     if log.fall:
         return html.verdict(f"fell at {end} s: {log.fall}", False)
     if not log.complete:
-        whole = log.experiment.ticks * log.dt
-        return html.verdict(f"the recording ends at {end} of {whole:.1f} s", False)
+        duration = log.experiment.ticks * log.dt
+        return html.verdict(f"the recording ends at {end} of {duration:.1f} s", False)
     fixed = log.experiment.plant.fixed_base
     return html.verdict(f"{end} s, to the end" if fixed else f"{end} s without a fall", True)
 
@@ -72,16 +72,16 @@ def cards(
 
 
 def _remark(name: str, references: Mapping[str, str]) -> str:
-    known = (unit(metrics.METRICS[name].unit), references.get(name, ""))
-    return "; ".join(text for text in known if text)
+    remarks = (unit(metrics.METRICS[name].unit), references.get(name, ""))
+    return "; ".join(text for text in remarks if text)
 
 
 def label(name: str) -> str:
     """Display name of a metric."""
-    words = name.replace("_", " ")
+    phrase = name.replace("_", " ")
     for short in ("nrmse", "grf", "mse", "mae", "fmse", "mawe", "snr"):
-        words = " ".join(w.upper() if w == short else w for w in words.split())
-    return words[0].upper() + words[1:]
+        phrase = " ".join(w.upper() if w == short else w for w in phrase.split())
+    return phrase[0].upper() + phrase[1:]
 
 
 def unit(name: str) -> str:
@@ -141,22 +141,22 @@ def effect_table(log: Log) -> Markup:
     Raises:
         BagError: The experiment has no effects.
     """
-    found = sim_effects.from_list(log.experiment.effects)
-    if not found:
+    effects = sim_effects.from_list(log.experiment.effects)
+    if not effects:
         raise BagError("the experiment has no effects: the plant is the bare robot")
     rows = []
-    for effect in found:
+    for effect in effects:
         fields = {f.name: f for f in dataclasses.fields(effect)}
-        given = [name for name in fields if getattr(effect, name) != fields[name].default]
-        texts = [
+        changed = [name for name in fields if getattr(effect, name) != fields[name].default]
+        settings = [
             f"{name} = {getattr(effect, name)} {unit(fields[name].metadata.get('unit', '-'))}"
-            for name in given
+            for name in changed
             if name not in ("start", "stop")
         ]
         window = f"{effect.start:g} s to " + (
             "the end" if math.isinf(effect.stop) else f"{effect.stop:g} s"
         )
-        rows.append([html.code(effect.name), "; ".join(texts), window])
+        rows.append([html.code(effect.name), "; ".join(settings), window])
     return html.table(["Effect", "Parameters", "When"], rows)
 
 

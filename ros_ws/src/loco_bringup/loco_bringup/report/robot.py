@@ -81,26 +81,26 @@ def header(
 ) -> Markup:
     """Header of the page: end of the run, main numbers, animation."""
     walks = bool(log.experiment.gait)
-    said = Markup() if walks else html.paragraph(sentence(log, values))
-    shown = WALKING if walks else BOLTED if log.experiment.plant.fixed_base else JOINTED
-    numbers = parts.cards(values, shown, references(log))
+    summary = Markup() if walks else html.paragraph(sentence(log, values))
+    metric_names = WALKING if walks else BOLTED if log.experiment.plant.fixed_base else JOINTED
+    numbers = parts.cards(values, metric_names, references(log))
     return html.join(
         [
             html.paragraph(log.experiment.description, soft=True),
             parts.ending(log),
-            html.beside(html.join([said, numbers]), moving),
+            html.beside(html.join([summary, numbers]), moving),
         ]
     )
 
 
 def references(log: Log) -> dict[str, str]:
     """Texts with reference values for the main numbers, by metric."""
-    known = {"nrmse": f"bound {log.experiment.criterion.nrmse:g}"}
+    remarks = {"nrmse": f"bound {log.experiment.criterion.nrmse:g}"}
     if quantities.walks(log):
         last = list(log.phases().values())[-1]
-        known["speed"] = f"asked for {number(float(np.mean(log.target_speed[last])))}"
+        remarks["speed"] = f"asked for {number(float(np.mean(log.target_speed[last])))}"
     stride = 1.0 / (quantities.period(log) * log.dt)
-    return {**known, "stride_frequency": f"gait clock {number(stride)}"}
+    return {**remarks, "stride_frequency": f"gait clock {number(stride)}"}
 
 
 def sentence(log: Log, values: dict[str, dict[str, float]]) -> str:
@@ -108,11 +108,11 @@ def sentence(log: Log, values: dict[str, dict[str, float]]) -> str:
     name, robot = log.experiment.name, log.experiment.plant.name
     if not len(log) or not math.isfinite(log.position[-1, 0]) or log.experiment.plant.fixed_base:
         return f"{robot} ran {name} for {len(log) * log.dt:.1f} s.{_tracked(log, values)}"
-    far, length = quantities.progress(log)[-1], len(log) * log.dt
+    move, length = quantities.progress(log)[-1], len(log) * log.dt
     text = (
-        f"{robot} got {math.hypot(*far):.2f} m away in {length:.1f} s: {far[0]:.2f} m along its "
-        f"first heading and {abs(far[1]):.2f} m to the {'left' if far[1] > 0 else 'right'}, "
-        f"{math.hypot(*far) / length:.3f} m/s."
+        f"{robot} got {math.hypot(*move):.2f} m away in {length:.1f} s: {move[0]:.2f} m along its "
+        f"first heading and {abs(move[1]):.2f} m to the {'left' if move[1] > 0 else 'right'}, "
+        f"{math.hypot(*move) / length:.3f} m/s."
     )
     last = values.get("test")
     if last and math.isfinite(last["speed"]):

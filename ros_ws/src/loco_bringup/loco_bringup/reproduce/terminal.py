@@ -68,9 +68,9 @@ def reproduce(
             _run(entry, folder / name, workers, scheduler, only_cost)
     if only_cost:
         return 0
-    found = Evidence(entries, folder, _other_results(entries, folder))
-    verdicts = judge(claims, found)
-    written = page.write(verdicts, entries, found, plan, what, folder)
+    results = Evidence(entries, folder, _other_results(entries, folder))
+    verdicts = judge(claims, results)
+    written = page.write(verdicts, entries, results, plan, what, folder)
     return show(verdicts, written)
 
 

@@ -30,9 +30,9 @@ def show_new(a: argparse.Namespace) -> int:
     console.print(table(title, ("what", "value", "from"), result.rows))
     for note in result.notes:
         console.print(f"note: {note}", highlight=False, markup=False)
-    seen = f"look at {out / 'picture.png'}, " if (out / "picture.png").is_file() else ""
+    hint = f"look at {out / 'picture.png'}, " if (out / "picture.png").is_file() else ""
     sys.stdout.write(
-        f"{seen}correct {out / 'robot.yaml'}, then\n"
+        f"{hint}correct {out / 'robot.yaml'}, then\n"
         f"  loco run {out / 'experiment.yaml'}\n"
         f"  loco gap experiments {out}\n"
     )
@@ -84,9 +84,9 @@ def show_robots(_: argparse.Namespace) -> int:
 
 def robot_table() -> tuple[str, tuple, list]:
     """Title, columns and rows of a table: robots of loco, and in the current folder."""
-    here = sorted(str(path.parent) for path in Path().glob("*/robot.yaml"))
+    local = sorted(str(path.parent) for path in Path().glob("*/robot.yaml"))
     rows = []
-    for name in [*robots.names(), *here]:
+    for name in [*robots.names(), *local]:
         try:
             robot = robots.load(name)
         except LocoError as error:
@@ -94,9 +94,9 @@ def robot_table() -> tuple[str, tuple, list]:
             continue
         driven, count = len(robot.driven), len(robot.joints)
         base = "bolted" if robot.fixed_base else f"floating, {len(robot.feet)} feet"
-        kinds = sorted({type(drive).__name__ for drive in robot.drives.values()})
-        words = ", ".join(kind.replace("Params", "").replace("Drive", "").lower() for kind in kinds)
-        what = f"{base}, {driven} of {count} joints driven" + (f" ({words})" if words else "")
+        classes = sorted({type(drive).__name__ for drive in robot.drives.values()})
+        labels = ", ".join(c.replace("Params", "").replace("Drive", "").lower() for c in classes)
+        what = f"{base}, {driven} of {count} joints driven" + (f" ({labels})" if labels else "")
         rows.append((name, f"{robot.mass:.3g} kg", _size(robot), what))
     return "Robots (loco gap experiments NAME; loco robot new URDF)", COLUMNS, rows
 

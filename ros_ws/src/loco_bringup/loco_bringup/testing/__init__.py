@@ -100,9 +100,9 @@ def servo_bus(
 
     end = threading.Event()
     with tempfile.TemporaryDirectory(prefix="loco_bus_") as folder:
-        own = Path(folder) / "servos.yaml"
-        bus = make_bus(Path(file or ASSETS / robot / "servos.yaml"), robot, own, effects)
-        bus.file = own
+        servo_file = Path(folder) / "servos.yaml"
+        bus = make_bus(Path(file or ASSETS / robot / "servos.yaml"), robot, servo_file, effects)
+        bus.file = servo_file
         thread = threading.Thread(target=bus.serve, args=(end.is_set,), daemon=True)
         thread.start()
         try:
@@ -284,8 +284,8 @@ class Graph:
             full = self._full(topic)
             self._publishers[topic] = self._node.create_publisher(kind, full, qos.writer())
         publisher = self._publishers[topic]
-        enough = lambda: publisher.get_subscription_count() >= readers  # noqa: E731
-        self._wait(enough, timeout, f"{readers} readers of {topic}")
+        connected = lambda: publisher.get_subscription_count() >= readers  # noqa: E731
+        self._wait(connected, timeout, f"{readers} readers of {topic}")
         publisher.publish(message)
 
     def pid(self, node: str, timeout: float = 20.0) -> int:

@@ -97,13 +97,13 @@ def decoded(
     """
     if decode is None:
         return data
-    made, size = [], 0
+    outputs, size = [], 0
     for message in data:
-        made.append(decode(message))
-        size += len(made[-1])
+        outputs.append(decode(message))
+        size += len(outputs[-1])
         if size > most:
             raise BagError(f"{what}: messages of one topic unpack to more than {most} bytes")
-    return made
+    return outputs
 
 
 def unpacker(data: bytes) -> Callable[[bytes], bytes] | None:

@@ -69,8 +69,8 @@ class Ros1Bag(RawBag):
         convert = self._converters[self.topics[name].type]
         for file in self.paths:
             with self._opened(file) as reader:
-                chosen = [c for c in reader.connections if c.topic == name]
-                for _, time, message in reader.messages(connections=chosen) if chosen else ():
+                matches = [c for c in reader.connections if c.topic == name]
+                for _, time, message in reader.messages(connections=matches) if matches else ():
                     times.append(time)
                     data.append(bytes(message))
         return np.array(times, dtype=np.int64), decoded(data, convert, self.path.name)

@@ -51,12 +51,12 @@ def converter(name: str, text: str, what: str) -> tuple[Callable[[bytes], bytes]
     """
     types, kind = library("typesys", what), kind_of(name)
     store = types.get_typestore(types.Stores.EMPTY)
-    ours = types.get_typestore(types.Stores.ROS2_JAZZY)
+    ros2 = types.get_typestore(types.Stores.ROS2_JAZZY)
     try:
-        known = types.get_types_from_msg(text, kind)
+        definitions = types.get_types_from_msg(text, kind)
         for base in (_HEADER, "builtin_interfaces/msg/Time", "builtin_interfaces/msg/Duration"):
-            known[base] = ours.fielddefs[base]  # a header of ROS 2 has no seq
-        store.register(known)
+            definitions[base] = ros2.fielddefs[base]  # a header of ROS 2 has no seq
+        store.register(definitions)
         definition, _ = store.generate_msgdef(kind, ros_version=2)
     except Exception as error:  # noqa: BLE001  (its parser raises whatever a text leads to)
         raise BagError(f"{what}: the definition of {name} cannot be read: {error}") from None

@@ -93,12 +93,12 @@ class SqliteBag(RawBag):
         """Log times [ns], shape (n,), and serialised messages of one topic, sorted by time."""
         name, rows, total = self.resolve(topic), [], 0
         for file, numbers in zip(self._files, self._numbers, strict=True):
-            wanted = numbers.get(name, set())
+            topic_ids = numbers.get(name, set())
             with _opened(file) as database:
                 for number, time, data in database.execute(
                     "SELECT topic_id, timestamp, data FROM messages"
                 ):
-                    if number not in wanted:
+                    if number not in topic_ids:
                         continue
                     if type(time) is not int or not isinstance(data, bytes):
                         raise BagError(f"{file.name}: {name} holds rows that are no messages")
@@ -151,5 +151,5 @@ def _opened(file: Path) -> Iterator[sqlite3.Connection]:
                     raise BagError(f"{file}: {name} is no plain table, as those of rosbag2 are")
             yield database
     except (sqlite3.Error, UnicodeDecodeError) as error:
-        why = "it takes too long" if left < 0 else shown(str(error))
-        raise BagError(f"{file} is no rosbag2 database: {why}") from None
+        reason = "it takes too long" if left < 0 else shown(str(error))
+        raise BagError(f"{file} is no rosbag2 database: {reason}") from None

@@ -34,20 +34,20 @@ def of_bag(bag: Bag, joints: Sequence[str]) -> str:
         if reader and topic.count:
             lines += reader(name, bag.message(name, bag.raw(name)[1][0]), joints)
     order = {joint: row for row, joint in enumerate(joints)}
-    kept = [line for line in lines if not joints or line.joint in order]
-    return written(kept, sorted(bag.topics), joints, bag.path.name)
+    retained = [line for line in lines if not joints or line.joint in order]
+    return written(retained, sorted(bag.topics), joints, bag.path.name)
 
 
 def _is_command(name: str) -> str:
-    return next((word for word in words.words(name) if word in words.COMMANDS), "")
+    return next((token for token in words.words(name) if token in words.COMMANDS), "")
 
 
 def _joint_state(name: str, message: Any, joints: Sequence[str]) -> list[Line]:
-    word = _is_command(name)
-    roles = COMMANDS if word else ROLES
-    why = f"JointState, “{word}” in the topic" if word else "JointState"
+    token = _is_command(name)
+    roles = COMMANDS if token else ROLES
+    reason = f"JointState, “{token}” in the topic" if token else "JointState"
     return [
-        Line(f"{field}[{joint}]", roles[field], joint, why, topic=name)
+        Line(f"{field}[{joint}]", roles[field], joint, reason, topic=name)
         for field in FIELDS
         if len(getattr(message, field)) == len(message.name)
         for joint in message.name
@@ -55,15 +55,15 @@ def _joint_state(name: str, message: Any, joints: Sequence[str]) -> list[Line]:
 
 
 def _array(name: str, message: Any, joints: Sequence[str]) -> list[Line]:
-    said = words.guess(name)
-    word, count = _is_command(name), len(message.data)
-    role = said.role or "command_position"
-    if not word and not said.role:
+    guess = words.guess(name)
+    token, count = _is_command(name), len(message.data)
+    role = guess.role or "command_position"
+    if not token and not guess.role:
         return []
     names = list(joints) if len(joints) == count else [f"joint_{i}" for i in range(count)]
-    why = f"“{word or said.why}” in the topic; the message names no joints: in this order?"
+    reason = f"“{token or guess.why}” in the topic; the message names no joints: in this order?"
     return [
-        Line(f"data[{i}]", role, joint, why, topic=name) for i, joint in enumerate(names)
+        Line(f"data[{i}]", role, joint, reason, topic=name) for i, joint in enumerate(names)
     ]
 
 
