@@ -112,7 +112,7 @@ def table(log: Log) -> dict[str, dict[str, float]]:
 
 @metric("m", "ours", "position", "orientation", applies=moves)
 def distance(log: Log) -> float:
-    """Displacement along the way forward at the start of the phase."""
+    """Displacement along the forward direction at the start of the phase."""
     return float(progress(log)[-1, 0])
 
 
@@ -124,20 +124,20 @@ def speed(log: Log) -> float:
 
 @metric("m/s", "ours", "position", "orientation", applies=moves)
 def forward_speed(log: Log) -> float:
-    """Mean speed along the heading of the moment: that of a robot that may turn."""
+    """Mean velocity along the current heading, for robots that may turn."""
     return float(np.mean(heading_speed(log)))
 
 
 @metric("-", "ours", "position", "target_speed", applies=moves)
 def speed_ratio(log: Log) -> float:
-    """Speed over the speed asked for."""
+    """Speed over the target speed."""
     target = float(np.mean(log.target_speed))
     return speed(log) / target if abs(target) > 1e-6 else float("nan")
 
 
 @metric("m", "ours", "position", "orientation", applies=moves)
 def lateral_drift(log: Log) -> float:
-    """Displacement across the way forward at the start of the phase; left is positive."""
+    """Displacement across the forward direction at the start of the phase; left is positive."""
     return float(progress(log)[-1, 1])
 
 
@@ -168,13 +168,13 @@ def pitch_range(log: Log) -> float:
 
 @metric("W", "3.28", "dq", "tau")
 def power(log: Log) -> float:
-    """Mean mechanical power of the drives, negative work counted against it."""
+    """Mean mechanical power of the drives; negative work is subtracted."""
     return signals.mechanical_power(*drives(log))
 
 
 @metric("W", "ours", "dq", "tau")
 def positive_power(log: Log) -> float:
-    """Mean mechanical power of the drives, negative work lost."""
+    """Mean mechanical power of the drives; negative work is not recovered."""
     return signals.positive_power(*drives(log))
 
 
@@ -235,7 +235,7 @@ def step_height(log: Log) -> float:
 
 @metric("Hz", "ours", "command")
 def stride_frequency(log: Log) -> float:
-    """Strongest line of the normal forces; of the commands where oscillators give them."""
+    """Largest spectral peak of the normal forces, or of the commands from oscillators."""
     return signals.stride_frequency(log.grf[..., 2] if walks(log) else log.command, log.dt)
 
 
@@ -280,7 +280,7 @@ def nrmse_author(log: Log) -> float:
 
 @metric("-", "3.36", "prediction", learner=True)
 def shape_error(log: Log) -> float:
-    """NRMSE stride by stride, each at the shift that suits it best: the gait without its clock."""
+    """NRMSE per stride, each at its best time shift: the shape of the gait without its timing."""
     (target, prediction), stride, errors = target_and_prediction(log), period(log), []
     for start in range(stride, len(log) - 2 * stride + 1, stride):
         actual = prediction[start : start + stride]
@@ -316,13 +316,13 @@ def step_time(log: Log) -> float:
 
 @metric("Hz", "ours", "prediction", learner=True)
 def prediction_frequency(log: Log) -> float:
-    """Strongest line of the predicted positions."""
+    """Largest spectral peak of the predicted positions."""
     return signals.stride_frequency(target_and_prediction(log)[1], log.dt)
 
 
 @metric("stride", "ours", "prediction", learner=True)
 def phase_lag(log: Log) -> float:
-    """Lag behind the target at the end, whole strides of the interval counted."""
+    """Lag behind the target at the end of the interval, including whole strides."""
     return float(lag(log)[-1])
 
 

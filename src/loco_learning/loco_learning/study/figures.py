@@ -130,7 +130,7 @@ def foot_heights(results: Sequence[CaseResult]) -> Chart:
 
 @figure
 def joint_traces(results: Sequence[CaseResult]) -> Chart:
-    """First and last driven and passive joint in train and test, moved by its lag, per variant."""
+    """First and last driven and passive joint in train and test, shifted by lag, per variant."""
     frames = []
     for what, label in (("command", "driven joints [rad]"), ("passive", "passive joints [rad]")):
         for variant, cases in _variants(results).items():

@@ -119,25 +119,25 @@ def _rise(j: Joints, travel: np.ndarray, least: float) -> float:
 
 @_motion
 def chirp_small(j: Joints) -> tuple[float, dict]:
-    """A small chirp: lags, elasticity, noise; far from friction's share."""
+    """A small chirp: shows lags, elasticity and noise, apart from friction."""
     return 7.0, _sweep(j, 0.15, 0.3, FASTEST, 6.5)
 
 
 @_motion
 def chirp_large(j: Joints) -> tuple[float, dict]:
-    """A large chirp: what grows with speed and angle."""
+    """A large chirp: shows effects that grow with velocity and angle."""
     return 7.0, _sweep(j, 0.9, 0.2, 3.0, 6.5)
 
 
 @_motion
 def slow_ramp(j: Joints) -> tuple[float, dict]:
-    """Slowly up and down: friction, play, stiffness and rest angle without inertia."""
+    """Slow motion up and down: shows friction, play, stiffness and rest angle without inertia."""
     return 10.5, _target(j, kind="triangle", amplitude=0.9 * j.room, frequency=0.1, ramp=0.0)
 
 
 @_motion
 def steps(j: Joints) -> tuple[float, dict]:
-    """Steps of several sizes: delays against lags, limits of torque and speed."""
+    """Steps of several sizes: distinguish delays from lags, show limits of torque and velocity."""
     levels = [1.0, -0.5, 0.5, -1.0, 0.25, 0.0]
     rise = _rise(j, 2.0 * 0.7 * j.room, 0.1)
     return 6.5, _target(
@@ -147,14 +147,14 @@ def steps(j: Joints) -> tuple[float, dict]:
 
 @_motion
 def preload(j: Joints) -> tuple[float, dict]:
-    """A small chirp on a constant load: play closes, cubic and hysteretic springs show."""
+    """A small chirp on a constant load: closes play, shows cubic and hysteretic springs."""
     target = _sweep(j, 0.12, 0.3, 5.0, 6.5)
     return 7.5, {**target, "bias": _rounded(0.6 * j.room), "ramp": 1.0}
 
 
 @_motion
 def still_poses(j: Joints) -> tuple[float, dict]:
-    """Still poses: weight, offsets and bias, with nothing that moves."""
+    """Still poses: show weight, offsets and bias without motion."""
     levels = [0.5, -0.5, 1.0, -1.0, 0.0]
     rise = _rise(j, 2.0 * 0.9 * j.room, 0.8)
     return 10.5, _target(
@@ -164,7 +164,7 @@ def still_poses(j: Joints) -> tuple[float, dict]:
 
 @_motion
 def in_turn(j: Joints) -> tuple[float, dict]:
-    """One joint after another: which joint it is."""
+    """One joint after another: shows in which joint an effect is."""
     count = len(j.rest)
     rise = _rise(j, 2.0 * 0.7 * j.room, 0.15)
     return 2.0 * count + 0.5, _target(

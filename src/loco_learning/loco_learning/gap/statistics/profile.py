@@ -40,7 +40,7 @@ def ends(
 
 
 def _end(cost: Callable[[float], float], at: float, far: float, promised: float) -> float:
-    """End on one side: as predicted, or further off if the cost has not risen yet."""
+    """End of the interval on one side: the predicted one, or a farther one if the cost is lower."""
     if cost(at + far) >= FLAT * promised:
         return at + far
     for _ in range(STEPS):
