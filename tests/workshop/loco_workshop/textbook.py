@@ -29,9 +29,9 @@ class TextbookSimulation:
     def forces(self, velocity: np.ndarray) -> np.ndarray:
         """Forces on the nodes [N], (nodes, axes), eqs. (4.2) to (4.7), for node velocities."""
         n, p, d = self.network, self.params, self.drive
-        near, far = n.links.T
-        span = self.position[far] - self.position[near]
-        flow = velocity[far] - velocity[near]
+        start, end = n.links.T
+        span = self.position[end] - self.position[start]
+        flow = velocity[end] - velocity[start]
         length = np.linalg.norm(span, axis=1)
         angle = 2.0 * np.pi * d.frequency * self.tick * p.step + d.phase
         driven = n.rest * (1.0 + d.amplitude * np.sin(angle))

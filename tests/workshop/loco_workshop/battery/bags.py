@@ -117,12 +117,12 @@ def write_bag(folder: Path, reading: Reading, robot: str) -> None:
     fields, values = ["position"], [reading.q]
     if reading.tau is not None:
         fields, values = [*fields, "effort"], [*values, reading.tau]
-    said, told = ["position"], [reading.command]
+    quantities, signals = ["position"], [reading.command]
     if not machines.get(robot).servo:
-        said, told = [*said, "velocity"], [*told, reading.rate]
+        quantities, signals = [*quantities, "velocity"], [*signals, reading.rate]
     rows = (
         ("joint_states", JointCodec(reading.joints, "joint_states", fields), values),
-        ("joint_command", JointCodec(reading.driven, "joint_command", said), told),
+        ("joint_command", JointCodec(reading.driven, "joint_command", quantities), signals),
     )
     writer = BagWriter(folder, {"robot": robot})
     try:

@@ -75,17 +75,17 @@ def run(
 def everything(case: Case, model: Model, seed: int) -> tuple[list, float]:
     """Baseline `everything`: all usual parameters jointly."""
     robot = model.make_robot()
-    offered = hypotheses.offer(robot, case.signals, _no_hints(robot))
+    candidates = hypotheses.offer(robot, case.signals, _no_hints(robot))
     parts = [
         (h, [0.0 if c.strength else c.start[0] for c in h.coordinates])
-        for h in offered
+        for h in candidates
         if (h.effect in PER_JOINT and h.place in robot.joints) or h.effect in WHOLE
     ]
     problem = Problem(case, parts, {}, {}, 1.0, LOSS)
     z = least_squares(problem, np.zeros(len(problem.start)), problem.bounds)
-    found, overrides = problem.split(z)
-    after = weigh(case, found, overrides).held.rms
-    return [h.term(x).spec for h, x in found], after
+    identified, overrides = problem.split(z)
+    after = weigh(case, identified, overrides).held.rms
+    return [h.term(x).spec for h, x in identified], after
 
 
 def least_squares(fun: Any, z: np.ndarray, bounds: tuple) -> np.ndarray:
@@ -97,17 +97,17 @@ def least_squares(fun: Any, z: np.ndarray, bounds: tuple) -> np.ndarray:
         slope = [(fun(z + h * e) - r) / h for h, e in zip(side, np.eye(len(z)), strict=True)]
         jacobian = np.stack(slope, axis=1)
         square = jacobian.T @ jacobian
-        better = False
+        improved = False
         for _ in range(4):
             ridge = damping * np.diag(np.diag(square) + 1e-9 * np.trace(square) + 1e-12)
             new = np.clip(z - np.linalg.solve(square + ridge, jacobian.T @ r), *bounds)
-            tried = fun(new)
-            if tried @ tried < cost:
-                better = cost - float(tried @ tried) > 1e-3 * cost
-                z, r, cost, damping = new, tried, float(tried @ tried), 0.2 * damping
+            trial = fun(new)
+            if trial @ trial < cost:
+                improved = cost - float(trial @ trial) > 1e-3 * cost
+                z, r, cost, damping = new, trial, float(trial @ trial), 0.2 * damping
                 break
             damping *= 10.0
-        if not better:
+        if not improved:
             break
     return z
 

@@ -43,8 +43,8 @@ def check(a: argparse.Namespace) -> None:
     if not 0 <= a.settings <= len(OTHERS):
         raise ParameterError(f"--settings must be 0 to {len(OTHERS)}, got {a.settings}")
     walking = [robot for robot in a.robots if robot in WALKERS]
-    if walking and (asked := [n for n in ("baselines", "follow", "settings") if getattr(a, n)]):
-        what = f"--{asked[0]}"
+    if walking and (requested := [n for n in ("baselines", "follow", "settings") if getattr(a, n)]):
+        what = f"--{requested[0]}"
         raise ParameterError(
             f"{what} is for robots that are held, not for {walking[0]}; leave it out"
         )
@@ -75,15 +75,15 @@ def run(
     """
     planned = cases.plan(a.cases, a.seed, a.robots, a.effects)
     _settle(a, folder)
-    kept = {c.name: bags.result(folder, c.name) for c in planned}
+    results = {c.name: bags.result(folder, c.name) for c in planned}
     baselines = tuple(a.baselines)
-    wanted = baselines, a.follow, a.settings
-    missing = [c for c in planned if unfinished(c, kept[c.name], *wanted)]
+    requested = baselines, a.follow, a.settings
+    missing = [c for c in planned if unfinished(c, results[c.name], *requested)]
     if a.bags_only:
         missing = [c for c in planned if not bags.ready(folder, c.name)]
     tell(len(planned) - len(missing), "", "")
     done = len(planned) - len(missing)
-    jobs: list[tuple] = [(folder, c, tuple(a.effects), *wanted) for c in missing]
+    jobs: list[tuple] = [(folder, c, tuple(a.effects), *requested) for c in missing]
     if a.bags_only:
         jobs = [job[:3] for job in jobs]
     with pool.start(make if a.bags_only else work, workers=a.workers, limit=a.limit) as place:
@@ -98,22 +98,22 @@ def run(
                     "case": case.name, "verdict": "error", "names": [], "terms": [],
                     "error": reason,
                 }  # fmt: skip
-            kept[case.name] = result
+            results[case.name] = result
             tell(done, case.name, ", ".join(result["names"]) or result["verdict"])
-    return [] if a.bags_only else [kept[c.name] for c in planned]
+    return [] if a.bags_only else [results[c.name] for c in planned]
 
 
 def _settle(a: argparse.Namespace, folder: Path) -> None:
     """Write the settings that the cases depend on; refuse a folder of another battery."""
-    mine = {"format": 1, "seed": a.seed, "robots": a.robots, "effects": a.effects}
+    settings = {"format": 1, "seed": a.seed, "robots": a.robots, "effects": a.effects}
     path = folder / SETTINGS
     if path.is_file():
-        theirs = read_json(path)
-        if any(theirs.get(key) != value for key, value in mine.items()):
+        stored = read_json(path)
+        if any(stored.get(key) != value for key, value in settings.items()):
             raise ParameterError(
-                f"{folder} holds a battery of seed {theirs.get('seed')}, robots "
-                f"{theirs.get('robots') or 'all'} and effects {theirs.get('effects') or 'all'}; "
+                f"{folder} holds a battery of seed {stored.get('seed')}, robots "
+                f"{stored.get('robots') or 'all'} and effects {stored.get('effects') or 'all'}; "
                 "choose another --out"
             )
         return
-    bags.write_json(path, mine)
+    bags.write_json(path, settings)

@@ -76,10 +76,10 @@ def plan(
         NameUnknownError: There is no such robot or effect.
     """
     robots = list(robots) or list(machines.MACHINES)
-    known = (*machines.MACHINES, *walkers.WALKERS)
+    available = (*machines.MACHINES, *walkers.WALKERS)
     for robot in robots:
-        if robot not in known:
-            raise NameUnknownError("robot of the battery", robot, known)
+        if robot not in available:
+            raise NameUnknownError("robot of the battery", robot, available)
         if not _pool(robot, "single", effects):
             raise NameUnknownError("effect of the battery", ", ".join(effects), _pool(robot, ""))
     order = [o for o in ORDER if not effects or o[0] == "single"]
@@ -98,11 +98,11 @@ def plan(
             if not decks.get(key):
                 decks[key] = [pool[k] for k in rng.permutation(len(pool))]
             deck.append(decks[key].pop())
-        own = seed * 10_000 + i
-        how = conditions.draw(own)
+        seed_i = seed * 10_000 + i
+        how = conditions.draw(seed_i)
         if robot in walkers.WALKERS:  # its bags are those of `loco run`
             how = replace(how, way="")
-        planned.append(Case(f"case_{i:04d}", robot, kind, size, own, tuple(deck), condition=how))
+        planned.append(Case(f"case_{i:04d}", robot, kind, size, seed_i, tuple(deck), condition=how))
     return planned
 
 
@@ -133,8 +133,8 @@ def fill(case: Case, effects: Sequence[str] = ()) -> Case:
     for name in deck[:TRIES]:
         if len(parts) == want:
             break
-        family = kinds.ALL[name].family or name
-        if any((kinds.ALL[e.effect].family or e.effect) == family for e, _ in parts):
+        group = kinds.ALL[name].family or name
+        if any((kinds.ALL[e.effect].family or e.effect) == group for e, _ in parts):
             continue
         sized = sizes.sized(name, case.robot, case.size, rng, case.seed)
         if sized is not None:
@@ -146,10 +146,10 @@ def fill(case: Case, effects: Sequence[str] = ()) -> Case:
 
 def _walking(case: Case, deck: Sequence[str], rng: np.random.Generator) -> Case:
     """Fill a case of a walking robot with the first effects of different families."""
-    chosen: dict[str, str] = {}
+    by_family: dict[str, str] = {}
     for name in deck if case.kind != "null" else ():
-        chosen.setdefault(ground.family(name), name)
-    names = list(chosen.values())[: 2 if case.kind == "pair" else 1]
+        by_family.setdefault(ground.family(name), name)
+    names = list(by_family.values())[: 2 if case.kind == "pair" else 1]
     walker = walkers.get(case.robot)
     parts = [sizes.rounded(ground.draw(name, walker, case.size, rng)) for name in names]
     return replace(case, effects=tuple(parts))
@@ -162,8 +162,8 @@ def readings(case: Case) -> dict[str, plant.Reading]:
     for kind in excitation.RECORDS:
         moved = excitation.command(machine, kind, case.seed)
         name = "hold_out" if kind == excitation.HELD_OUT else f"fit_{kind}"
-        whole = plant.record(machine, case.effects, moved, case.seed, kind)
-        result[name] = conditions.recorded(whole, case.condition, case.seed)
+        reading = plant.record(machine, case.effects, moved, case.seed, kind)
+        result[name] = conditions.recorded(reading, case.condition, case.seed)
     return result
 
 
@@ -176,8 +176,8 @@ def further(case: Case, name: str, moved: tuple[np.ndarray, np.ndarray]) -> plan
         moved: Commanded positions and velocities of the driven joints, (T, m) each.
     """
     machine = conditions.machine_of(machines.get(case.robot), case.condition, case.seed)
-    whole = plant.record(machine, case.effects, moved, case.seed, name)
-    return conditions.recorded(whole, case.condition, case.seed)
+    reading = plant.record(machine, case.effects, moved, case.seed, name)
+    return conditions.recorded(reading, case.condition, case.seed)
 
 
 def truth(case: Case) -> dict[str, Any]:

@@ -44,8 +44,8 @@ def write_score(folder: Path, results: Sequence[Mapping[str, Any]]) -> list[str]
     """
     rows = [score.row(bags.truth(folder, r["case"]), r) for r in results if _has(folder, r["case"])]
     figures = score.figures(rows)
-    again = score.followed(rows)
-    later = score.figures(again) if again else None
+    repeats = score.followed(rows)
+    later = score.figures(repeats) if repeats else None
     settings = json.loads((folder / "battery.json").read_text(encoding="utf-8"))
     title = f"Blind battery, seed {settings['seed']}"
     table = score.confusion(rows)
@@ -57,8 +57,8 @@ def write_score(folder: Path, results: Sequence[Mapping[str, Any]]) -> list[str]
     write_whole(folder / "score.md", text)
     write_whole(folder / "score.html", page(title, figures, rows, table, later))
     head, targets = score_text.acceptance(figures, later)
-    shown = [head, *targets] if later else targets
-    lines = [f"  {a:78s} " + "  ".join(f"{b:>6s}" for b in rest) for a, *rest in shown]
+    rows_text = [head, *targets] if later else targets
+    lines = [f"  {a:78s} " + "  ".join(f"{b:>6s}" for b in rest) for a, *rest in rows_text]
     return [f"{title}: {figures['cases']} cases", *lines, f"  {folder / 'score.html'}"]
 
 
@@ -104,14 +104,14 @@ def _numbers(head: Sequence[str], rows: Sequence[Sequence[str]]) -> Markup:
 
 
 def _rates(found: Mapping[str, Any], later: Mapping[str, Any] | None) -> Markup:
-    pieces = [
+    content = [
         html.paragraph("Single effects; by robot and condition: medium and large."),
         _numbers(*score_text.rates(found)),
     ]
     if later:
         text = f"The same {score_text.AFTER}, where the verdict was ambiguous:"
-        pieces += [html.paragraph(text), _numbers(*score_text.rates(later))]
-    return html.join(pieces)
+        content += [html.paragraph(text), _numbers(*score_text.rates(later))]
+    return html.join(content)
 
 
 def _held_out(found: Mapping[str, Any], rows: Sequence[Mapping[str, Any]]) -> Markup:
@@ -132,18 +132,18 @@ def errors(rows: Sequence[Mapping[str, Any]]) -> Chart:
     Raises:
         ParameterError: No case has both errors.
     """
-    told = [r for r in rows if r["before"] and r["after"]]
-    if not told:
+    scored = [r for r in rows if r["before"] and r["after"]]
+    if not scored:
         raise ParameterError("no case has an error before and after")
     layers = []
     for mark, (name, color) in MARKS.items():
-        own = [r for r in told if _mark(r) == mark]
-        texts = [f"{r['case']}: {', '.join(r['true']) or 'nothing'}, {r['verdict']}" for r in own]
-        places = [[float(r[key]) for r in own] for key in ("before", "after")]
-        layers.append(dots(name, *places, color, texts=texts))
-    most = max(float(r[key]) for r in told for key in ("before", "after"))
-    layers.append(line("nothing gained", [1.0, most], [1.0, most], GREY, shape=DASHED))
-    layers.append(line("noise", [1.0, most], [1.0, 1.0], GREY))
+        group = [r for r in scored if _mark(r) == mark]
+        notes = [f"{r['case']}: {', '.join(r['true']) or 'nothing'}, {r['verdict']}" for r in group]
+        points = [[float(r[key]) for r in group] for key in ("before", "after")]
+        layers.append(dots(name, *points, color, texts=notes))
+    largest = max(float(r[key]) for r in scored for key in ("before", "after"))
+    layers.append(line("nothing gained", [1.0, largest], [1.0, largest], GREY, shape=DASHED))
+    layers.append(line("noise", [1.0, largest], [1.0, 1.0], GREY))
     axes = (Axis(f"error {when} [noise floors]", logarithmic=True) for when in ("before", "after"))
     return Chart([Frame(*axes, layers, height=330)])
 
@@ -170,10 +170,10 @@ def _cell(true: str, name: str, count: int) -> tuple[str, str]:
 
 def _case(r: Mapping[str, Any]) -> tuple[str, ...]:
     case, robot, true, size, verdict, names, before, after = score_text.case(r)
-    shows = ", ".join(score_text.number(v) for v in r["shows"])
+    visibility = ", ".join(score_text.number(v) for v in r["shows"])
     place = "" if r["place"] is None else "right" if r["place"] else "wrong"
     error = ", ".join(score_text.percent(s["error"]) for s in r["sizes"])
-    return case, robot, true, size, shows, verdict, names, before, after, place, error
+    return case, robot, true, size, visibility, verdict, names, before, after, place, error
 
 
 def _mark(r: Mapping[str, Any]) -> str:

@@ -52,8 +52,8 @@ def row(truth: Mapping[str, Any], result: Mapping[str, Any]) -> dict[str, Any]:
         "condition": (how.get("way") or "clean", OFF if how.get("off") else EXACT),
         "options": options, "error": result.get("error", ""),
     }  # fmt: skip
-    twins = twins_of(truth["robot"])
-    twin = next((sorted(t) for t in twins if set(true) <= t), None) if true else None
+    equivalents = twins_of(truth["robot"])
+    twin = next((sorted(t) for t in equivalents if set(true) <= t), None) if true else None
     if true == ["sensor_latency"] and _machine(truth["robot"]).torque_noise:
         twin = None  # torque readings are not delayed, so the two can be distinguished
     hedged = verdict == "ambiguous" and any(set(true) <= set(o) for o in _groups(result))
@@ -71,7 +71,7 @@ def row(truth: Mapping[str, Any], result: Mapping[str, Any]) -> dict[str, Any]:
     cells["right"] = cells["top1"] if twin is None else hedged
     if kind == "pair":
         cells["right"] = (
-            cells["top1"] or verdict == "ambiguous" and _both(true, names, result, twins)
+            cells["top1"] or verdict == "ambiguous" and _both(true, names, result, equivalents)
         )
     cells["top2"] = cells["right"] or bool(true) and (hedged or set(true) <= set(options[:2]))
     cells["with_others"] = verdict in SURE and bool(true) and set(true) < set(names)
@@ -81,7 +81,7 @@ def row(truth: Mapping[str, Any], result: Mapping[str, Any]) -> dict[str, Any]:
     cells["place"], cells["sizes"] = _found(truth, result)
     cells["closed"], cells["before"], cells["after"] = _gap(result)
     cells["baselines"] = {
-        name: {"after": found.get("after")} for name, found in result.get("baselines", {}).items()
+        name: {"after": entry.get("after")} for name, entry in result.get("baselines", {}).items()
     }
     cells["settings"] = [
         sorted(set(answer["names"]) - besides) if answer["verdict"] in SURE else []
@@ -137,16 +137,16 @@ def _found(
     if result["verdict"] not in SURE:
         return None, []
     machine = _machine(truth["robot"])
-    places, sizes = [], []
+    matches, sizes = [], []
     for effect in truth["effects"]:
         term = terms.get(effect["effect"])
         if term is None:
             continue
-        places.append(same_place(machine, effect["place"], term["place"]))
+        matches.append(same_place(machine, effect["place"], term["place"]))
         measured = _strength(term["parameters"], effect["strength"])
         if measured is not None:
             sizes.append(_error(effect, measured))
-    return (all(places) if places else None), sizes
+    return (all(matches) if matches else None), sizes
 
 
 def _machine(robot: str) -> Any:
@@ -177,9 +177,9 @@ def _strength(parameters: Mapping[str, Any], name: str) -> dict[str, np.ndarray]
 def _error(effect: Mapping[str, Any], said: Mapping[str, np.ndarray]) -> dict[str, Any]:
     """Relative error of a strength, without components that the data do not determine."""
     true = np.atleast_1d(np.asarray(effect["params"][effect["strength"]], float))
-    known = np.isfinite(said["low"]) & np.isfinite(said["high"])
-    if len(true) == len(known) and known.any():
-        true, said = true[known], {key: values[known] for key, values in said.items()}
+    finite = np.isfinite(said["low"]) & np.isfinite(said["high"])
+    if len(true) == len(finite) and finite.any():
+        true, said = true[finite], {key: values[finite] for key, values in said.items()}
     if len(true) != len(said["value"]):
         true, value = np.array([np.linalg.norm(true)]), np.array([np.linalg.norm(said["value"])])
         inside = None
@@ -211,7 +211,7 @@ def figures(rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
     nulls = [r for r in rows if r["kind"] == "null"]
     strange = [r for r in rows if r["kind"] == "outsider"]
     sizes = [s for r in rows for s in r["sizes"]]
-    again = [(r["said"], names) for r in rows for names in r["settings"]]
+    repeats = [(r["said"], names) for r in rows for names in r["settings"]]
     return {
         "cases": len(rows),
         "errors": sum(r["verdict"] == "error" for r in rows),
@@ -238,9 +238,9 @@ def figures(rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
         "outsiders named": share(r["named"] for r in strange),
         "false names": share(_false(r) for r in rows),
         "abstained": share(r["abstained"] for r in [*singles, *pairs]),
-        "answers under other settings": len(again),
-        "same names under other settings": share(now == then for then, now in again if now),
-        "no name under other settings": share(not now for _, now in again),
+        "answers under other settings": len(repeats),
+        "same names under other settings": share(new == then for then, new in repeats if new),
+        "no name under other settings": share(not new for _, new in repeats),
         "place right": share(r["place"] for r in rows if r["place"] is not None),
         "places judged": sum(r["place"] is not None for r in rows),
         "size error median": median(s["error"] for s in sizes),
@@ -287,11 +287,11 @@ def held_out(rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
     table["model as it came"] = _spread([r["before"] for r in both], both)
     table["loco gap"] = _spread([r["after"] for r in both], both)
     for n in names:
-        spread = _spread([r["baselines"][n]["after"] for r in both], both)
-        spread["worse than loco gap"] = share(
+        summary = _spread([r["baselines"][n]["after"] for r in both], both)
+        summary["worse than loco gap"] = share(
             r["baselines"][n]["after"] > r["after"] * 1.001 for r in both
         )
-        table[BASELINES[n]] = spread
+        table[BASELINES[n]] = summary
     return table
 
 

@@ -86,7 +86,7 @@ def markdown(
     parts.append("## Cases")
     head = ("case", "robot", "hidden", "size", "verdict", "names", "before", "after")
     columns = then(rows) if later is not None else [()] * len(rows)
-    cells = [(*case(r), *more) for r, more in zip(rows, columns, strict=True)]
+    cells = [(*case(r), *extra) for r, extra in zip(rows, columns, strict=True)]
     parts.append(table((*head, *(THEN if later is not None else ())), cells))
     return "\n\n".join(parts) + "\n"
 

@@ -31,17 +31,17 @@ MOST, ROUNDS = 2.5, 4  # bound [standard deviations]; iterations of the fit
 def reference(robot: str, seed: int) -> tuple[tuple[np.ndarray, ...], np.ndarray]:
     """Readings without hidden effects, (T, C) per fit record, and their noise floor, (C,)."""
     machine = _quick(robot)
-    bare, gap, count = [], 0.0, 0
+    nominal, gap, count = [], 0.0, 0
     for kind in excitation.FIT:
         moved = excitation.command(machine, kind, seed)
         a = columns(plant.record(machine, (), moved, 1, kind))
         b = columns(plant.record(plant.coarser(machine), (), moved, 2, kind))
-        bare.append(a)
+        nominal.append(a)
         gap, count = gap + np.sum((a - b) ** 2, axis=0), count + len(a)
     steps = [s.step if not len(s.table[0]) else 1e-4 for s in machine.sensors]
     if machine.torque_noise:
         steps += [machine.torque_noise] * len(machine.joints)
-    return tuple(bare), np.sqrt(gap / count / 2.0 + np.square(steps) / 12.0)
+    return tuple(nominal), np.sqrt(gap / count / 2.0 + np.square(steps) / 12.0)
 
 
 def _quick(robot: str) -> Machine:
@@ -67,19 +67,19 @@ def visibility(robot: str, effects: Sequence[Hidden], seed: int) -> float:
     moved = _moved(machine, effects, robot, seed)
     if moved is None:
         return float("inf")
-    known, factor = doubts(robot, seed)
-    by, like, least = np.zeros(known.shape[1]), np.zeros_like(moved), np.inf
+    jacobian, factor = doubts(robot, seed)
+    by, like, minimum = np.zeros(jacobian.shape[1]), np.zeros_like(moved), np.inf
     for _ in range(ROUNDS if machine.servo else 1):
-        side = known.T @ (moved - like).ravel() - by
+        side = jacobian.T @ (moved - like).ravel() - by
         bounds = (-MOST - by, MOST - by)
-        more = lsq_linear(factor.T, np.linalg.solve(factor, side), bounds).x
-        by = by + more
+        step = lsq_linear(factor.T, np.linalg.solve(factor, side), bounds).x
+        by = by + step
         if machine.servo:  # an encoder's rounding is nonlinear
             like = _moved(_off(machine, by), (), robot, seed)
         else:
-            like = like + (known @ more).reshape(moved.shape)
-        least = min(least, float(np.max(np.mean(np.square(moved - like), axis=0))))
-    return float(np.sqrt(1.0 + least))
+            like = like + (jacobian @ step).reshape(moved.shape)
+        minimum = min(minimum, float(np.max(np.mean(np.square(moved - like), axis=0))))
+    return float(np.sqrt(1.0 + minimum))
 
 
 def _moved(machine: Machine, effects: Sequence[Hidden], robot: str, seed: int) -> np.ndarray | None:
@@ -87,14 +87,14 @@ def _moved(machine: Machine, effects: Sequence[Hidden], robot: str, seed: int) -
 
     None if the simulation diverges.
     """
-    bare, floor = reference(robot, seed)
+    nominal, floor = reference(robot, seed)
     rows = []
-    for kind, base in zip(excitation.FIT, bare, strict=True):
+    for kind, base in zip(excitation.FIT, nominal, strict=True):
         moved = excitation.command(machine, kind, seed)
-        now = columns(plant.record(machine, effects, moved, 1, kind))
-        if not np.all(np.isfinite(now)) or np.max(np.abs(now)) > 1e4:
+        perturbed = columns(plant.record(machine, effects, moved, 1, kind))
+        if not np.all(np.isfinite(perturbed)) or np.max(np.abs(perturbed)) > 1e4:
             return None
-        rows.append((now - base) / floor)
+        rows.append((perturbed - base) / floor)
     return np.concatenate(rows)
 
 
@@ -109,8 +109,8 @@ def doubts(robot: str, seed: int) -> tuple[np.ndarray, np.ndarray]:
     machine = _quick(robot)
     count = len(machine.joints) * (len(DEVIATION) if machine.servo else len(DEVIATION) - 1)
     moved = [_moved(_off(machine, by), (), robot, seed).ravel() for by in np.eye(count)]
-    known = np.stack(moved, axis=1)
-    return known, np.linalg.cholesky(known.T @ known + np.eye(count))
+    jacobian = np.stack(moved, axis=1)
+    return jacobian, np.linalg.cholesky(jacobian.T @ jacobian + np.eye(count))
 
 
 def _off(machine: Machine, by: np.ndarray) -> Machine:
@@ -132,25 +132,25 @@ def sized(
     if drawn is None:
         return None
     effect, low, high = drawn
-    target, found = TARGETS[size], (effect, 0.0)
+    target, best = TARGETS[size], (effect, 0.0)
     bounds = [np.log(low), np.log(high)]
     at = 0.5 * (bounds[0] + bounds[1])
     for _ in range(TRIES):
         effect = effect.scaled(float(np.exp(at)))
-        shows = visibility(robot, (effect,), seed)
-        if np.isfinite(shows) and abs(shows - target) < abs(found[1] - target):
-            found = (effect, shows)
-        if abs(np.log(shows / target)) < TOLERANCE:
+        size_rms = visibility(robot, (effect,), seed)
+        if np.isfinite(size_rms) and abs(size_rms - target) < abs(best[1] - target):
+            best = (effect, size_rms)
+        if abs(np.log(size_rms / target)) < TOLERANCE:
             break
-        bounds[0 if shows < target else 1] = at
-        slope = np.clip(0.5 * np.log((target**2 - 1.0) / max(shows**2 - 1.0, 1e-3)), -2.5, 2.5)
+        bounds[0 if size_rms < target else 1] = at
+        slope = np.clip(0.5 * np.log((target**2 - 1.0) / max(size_rms**2 - 1.0, 1e-3)), -2.5, 2.5)
         inside = (
             bounds[0] + 0.05 * (bounds[1] - bounds[0]),
             bounds[1] - 0.05 * (bounds[1] - bounds[0]),
         )
-        at = float(np.clip(at + slope, *inside)) if np.isfinite(shows) else np.mean(bounds)
-    seen = found[1] >= SEEN * target and found[1] > 1.2
-    return found if seen and chance(robot, found[0], seed) < CHANCE else None
+        at = float(np.clip(at + slope, *inside)) if np.isfinite(size_rms) else np.mean(bounds)
+    visible = best[1] >= SEEN * target and best[1] > 1.2
+    return best if visible and chance(robot, best[0], seed) < CHANCE else None
 
 
 def chance(robot: str, effect: Hidden, seed: int) -> float:
@@ -161,13 +161,13 @@ def chance(robot: str, effect: Hidden, seed: int) -> float:
     """
     machine = _quick(robot)
     _, floor = reference(robot, seed)
-    worst = 0.0
+    largest = 0.0
     for kind in excitation.FIT:
         moved = excitation.command(machine, kind, seed)
         a = columns(plant.record(machine, [effect], moved, 1, kind))
         b = columns(plant.record(plant.coarser(machine), [effect], moved, 2, kind))
-        worst = max(worst, float(np.max(np.sqrt(np.mean(((a - b) / floor) ** 2, axis=0)))))
-    return worst / np.sqrt(2.0)
+        largest = max(largest, float(np.max(np.sqrt(np.mean(((a - b) / floor) ** 2, axis=0)))))
+    return largest / np.sqrt(2.0)
 
 
 def rounded(effect: Hidden) -> Hidden:
@@ -186,5 +186,5 @@ def _short(value):
 
 def check(machine: Machine, effect: Hidden) -> bool:
     """Whether a machine can have the effect at its place."""
-    places = (*machine.joints, *machine.body.links, "")
-    return effect.place in places
+    valid = (*machine.joints, *machine.body.links, "")
+    return effect.place in valid

@@ -57,9 +57,9 @@ def identify(case: Case, model: Model, seed: int) -> tuple[dict[str, list[float]
         seed: Unused, since the method is deterministic.
     """
     task = _Task(case, model)
-    found = task.identified()
-    whole = task.left(found)
-    return {name: values.value.tolist() for name, values in found.items()}, case.judged(whole).rms
+    fitted = task.identified()
+    misfit = task.left(fitted)
+    return {name: values.value.tolist() for name, values in fitted.items()}, case.judged(misfit).rms
 
 
 class _Task:
@@ -96,10 +96,10 @@ class _Task:
             models_sequences=[self._sequence(i) for i in self.case.fitted],
             modify_residual=self._residual(weights), n_threads=1,
         )  # fmt: skip
-        begun = self._parameters().move_off_bounds(INSIDE)
-        rounds = int(np.clip(EVALUATIONS // begun.size, *ITERATIONS))
+        initial = self._parameters().move_off_bounds(INSIDE)
+        rounds = int(np.clip(EVALUATIONS // initial.size, *ITERATIONS))
         return mujoco_sysid.optimize(
-            begun, residual, "mujoco", verbose=False, max_iters=rounds, x_scale="jac",
+            initial, residual, "mujoco", verbose=False, max_iters=rounds, x_scale="jac",
             output=io.StringIO(),
         )[0]  # fmt: skip
 
@@ -130,13 +130,13 @@ class _Task:
 
     def _control(self, i: int) -> Any:
         """Commands at each physics step, held or linearly interpolated between samples."""
-        told = running.orders(self.case.records[i], self.made.robot)
-        table = replay.commands(self.made, told)
+        inputs = running.orders(self.case.records[i], self.made.robot)
+        table = replay.commands(self.made, inputs)
         rows = np.arange(len(table) * self.steps)
-        share = (rows % self.steps / self.steps)[:, None] * float(any(told.ramps))
-        now = rows // self.steps
-        after = np.minimum(now + 1, len(table) - 1)
-        values = (1.0 - share) * table[now] + share * table[after]
+        share = (rows % self.steps / self.steps)[:, None] * float(any(inputs.ramps))
+        current = rows // self.steps
+        after = np.minimum(current + 1, len(table) - 1)
+        values = (1.0 - share) * table[current] + share * table[after]
         return mujoco_sysid.TimeSeries(rows * self.dt / self.steps, values)
 
     def _start(self, i: int) -> np.ndarray:
@@ -160,60 +160,60 @@ class _Task:
         """
         rows = np.arange(0, len(sensed), self.steps)
         times = rows - found["delay"].value[0] / self.model.opt.timestep
-        said, grid = np.empty((len(rows), len(self.channels))), np.arange(len(sensed) + 1)
+        readings, grid = np.empty((len(rows), len(self.channels))), np.arange(len(sensed) + 1)
         for k, channel in enumerate(self.channels):
             if channel.signal == "tau":
                 sums = np.concatenate([[0.0], np.cumsum(sensed[:, k])])
-                ends = (np.interp(at, grid, sums) for at in (times, times - self.steps))
-                said[:, k] = np.subtract(*ends) / self.steps
+                integrals = (np.interp(at, grid, sums) for at in (times, times - self.steps))
+                readings[:, k] = np.subtract(*integrals) / self.steps
             else:
                 bias, gain = found[f"encoder_{channel.name}"].value
-                said[:, k] = (1.0 + gain) * np.interp(times, grid[:-1], sensed[:, k]) + bias
-        return said
+                readings[:, k] = (1.0 + gain) * np.interp(times, grid[:-1], sensed[:, k]) + bias
+        return readings
 
     def _residual(self, weights: np.ndarray) -> Callable:
         def residual(found: Any, predicted: Any, measured: Any, *_: Any, **__: Any) -> tuple:
-            said = self._read(found, predicted.data)
-            off = np.clip(weights * (said - measured.data), -self.case.cap, self.case.cap)
-            series = mujoco_sysid.TimeSeries(measured.times, said, measured.signal_mapping)
-            return np.nan_to_num(off).ravel(), series, measured
+            readings = self._read(found, predicted.data)
+            errors = np.clip(weights * (readings - measured.data), -self.case.cap, self.case.cap)
+            series = mujoco_sysid.TimeSeries(measured.times, readings, measured.signal_mapping)
+            return np.nan_to_num(errors).ravel(), series, measured
 
         return residual
 
     def _parameters(self) -> Any:
         """All identifiable parameters, at the values of the model."""
-        Parameter, found = mujoco_sysid.Parameter, mujoco_sysid.ParameterDict()  # noqa: N806
-        found.add(Parameter("delay", 0.0, 0.0, LATEST))
+        Parameter, params = mujoco_sysid.Parameter, mujoco_sysid.ParameterDict()  # noqa: N806
+        params.add(Parameter("delay", 0.0, 0.0, LATEST))
         for joint in self.made.joints:
             dof = self.model.joint(joint.name).dofadr[0]
-            inertia, most = float(self.model.dof_M0[dof]), joint.limit
-            most = most if np.isfinite(most) else float(np.max(self.made.robot.effort))
+            inertia, limit = float(self.model.dof_M0[dof]), joint.limit
+            limit = limit if np.isfinite(limit) else float(np.max(self.made.robot.effort))
             for key, value, high in (
                 ("armature", joint.armature, FACTOR * joint.armature + inertia),
                 ("damping", self._damping(joint.name), FACTOR * (joint.damping + joint.kd + 0.01)),
-                ("frictionloss", joint.friction, joint.friction + 0.5 * most),
+                ("frictionloss", joint.friction, joint.friction + 0.5 * limit),
             ):
-                found.add(Parameter(f"{key}_{joint.name}", value, 0.0, high,
-                                    modifier=_of_joint(joint.name, key)))  # fmt: skip
+                params.add(Parameter(f"{key}_{joint.name}", value, 0.0, high,
+                                     modifier=_of_joint(joint.name, key)))  # fmt: skip
         for index in range(self.model.nu):
             name = self.model.actuator(index).name
             gain, slope = self.model.actuator_gainprm[index, 0], self.model.actuator_biasprm[index]
             gains = np.array([gain, -slope[2]])
-            found.add(Parameter(f"drive_{name}", [*gains, slope[0]],
-                                [*gains / FACTOR, slope[0] - ZERO * gain],
-                                [*gains * FACTOR + 1e-9, slope[0] + ZERO * gain],
-                                modifier=_of_drive(name, bool(slope[1]))))  # fmt: skip
+            params.add(Parameter(f"drive_{name}", [*gains, slope[0]],
+                                 [*gains / FACTOR, slope[0] - ZERO * gain],
+                                 [*gains * FACTOR + 1e-9, slope[0] + ZERO * gain],
+                                 modifier=_of_drive(name, bool(slope[1]))))  # fmt: skip
         for body in self._moved():
-            found.add(mujoco_sysid.body_inertia_param(
+            params.add(mujoco_sysid.body_inertia_param(
                 self.spec, self.model, body, scale_rot_inertia=True,
                 mass_bound_mult=np.array([1.0 / FACTOR, FACTOR]),
                 ipos_bound_off=np.array([-ZERO, ZERO]),
             ))  # fmt: skip
         for channel in self.channels:
             if channel.signal == "q":
-                most = np.full(2, RANGE)
-                found.add(Parameter(f"encoder_{channel.name}", [0.0, 0.0], -most, most))
-        return found
+                limit = np.full(2, RANGE)
+                params.add(Parameter(f"encoder_{channel.name}", [0.0, 0.0], -limit, limit))
+        return params
 
     def _damping(self, joint: str) -> float:
         return float(self.model.dof_damping[self.model.joint(joint).dofadr[0]])

@@ -131,9 +131,9 @@ def asked(place: Path, robot: str, seed: int, setting: tuple[float, str, float])
     """Setting, verdict and names of a search with it; other arguments as for `examined`."""
     window, judge, accuracy = setting
     params = GapParams(seed=seed, window=window, accuracy=accuracy)
-    found = _found(*read(place, robot, (HELD,), judge), params)
-    said = {"window": window, "judge": judge, "accuracy": accuracy}
-    return {**said, "verdict": found["verdict"], "names": found["names"]}
+    result = _found(*read(place, robot, (HELD,), judge), params)
+    options = {"window": window, "judge": judge, "accuracy": accuracy}
+    return {**options, "verdict": result["verdict"], "names": result["names"]}
 
 
 def followed(folder: Path, case: Case, result: dict[str, Any]) -> dict[str, Any]:
@@ -176,8 +176,8 @@ def examined(place: Path, robot: str, seed: int, more: tuple[str, ...] = ()) -> 
 def _found(model: Any, fit: list, held: list, params: GapParams) -> dict[str, Any]:
     """Parts of `gap.json` that a battery stores; an error becomes a verdict."""
     try:
-        found = workflow.find(model, fit, held, params)
-        return {key: found[key] for key in KEPT if key in found}
+        result = workflow.find(model, fit, held, params)
+        return {key: result[key] for key in KEPT if key in result}
     except LocoError as error:
         return {"verdict": "error", "names": [], "terms": [], "error": str(error)}
 
@@ -185,9 +185,9 @@ def _found(model: Any, fit: list, held: list, params: GapParams) -> dict[str, An
 @contextlib.contextmanager
 def _timed(folder: Path, case: str, what: str) -> Iterator[None]:
     """Log the duration of the block, in a separate file since it differs from run to run."""
-    began, spent = time.perf_counter(), time.process_time()
+    began, cpu_start = time.perf_counter(), time.process_time()
     yield
-    wall, cpu = time.perf_counter() - began, time.process_time() - spent
+    wall, cpu = time.perf_counter() - began, time.process_time() - cpu_start
     bags.note_time(folder, case, what, wall, cpu)
 
 

@@ -32,14 +32,14 @@ def bench_bag() -> list[dict[str, Any]]:
         long = write_bag(Path(folder) / "long", MESSAGES)
         short = write_bag(Path(folder) / "short", _OTHERS)
         Bag(short).records("robot_state")  # loads the compiled kernels
-        ways: list[tuple[str, Path, int, Callable[[Path, str], np.ndarray]]] = [
+        readers: list[tuple[str, Path, int, Callable[[Path, str], np.ndarray]]] = [
             ("ours", long, MESSAGES, _ours),
             ("rosbags", short, _OTHERS, _rosbags),
             ("mcap-ros2-support", short, _OTHERS, _mcap_ros2),
         ]
         return [
-            {"reader": name, **{t: _rate(way, path, t, n) for t in _KINDS}}
-            for name, path, n, way in ways
+            {"reader": name, **{t: _rate(read, path, t, n) for t in _KINDS}}
+            for name, path, n, read in readers
         ]
 
 
@@ -79,8 +79,8 @@ def _ours(path: Path, name: str) -> np.ndarray:
 
 def _rosbags(path: Path, name: str) -> np.ndarray:
     with AnyReader([path]) as reader:
-        chosen = [c for c in reader.connections if c.topic == "/" + name]
-        read = (reader.deserialize(d, c.msgtype) for c, _, d in reader.messages(chosen))
+        connections = [c for c in reader.connections if c.topic == "/" + name]
+        read = (reader.deserialize(d, c.msgtype) for c, _, d in reader.messages(connections))
         return np.array([getattr(message, _FIELD[name]) for message in read])
 
 

@@ -71,9 +71,9 @@ def lines(rows: Rows, width: int = 80) -> list[str]:
     """
     cells = [[_text(value) for value in row.values()] for row in rows]
     table = [list(rows[0]), *cells]
-    for made in (_aligned(table), _aligned([list(column) for column in zip(*table, strict=True)])):
-        if max(map(len, made)) <= width:
-            return made
+    for block in (_aligned(table), _aligned([list(column) for column in zip(*table, strict=True)])):
+        if max(map(len, block)) <= width:
+            return block
     longest = max(map(len, rows[0]))
     return [
         line
@@ -144,7 +144,7 @@ def _rollout_stages(experiment: Any) -> tuple[dict[str, float], float]:
     """Mean time of each stage of a tick, and of the tick [µs], without ROS."""
     loop = build(experiment)
     clock = time.perf_counter
-    spent = {"physics": 0.0, "control": 0.0, "network": 0.0}
+    durations = {"physics": 0.0, "control": 0.0, "network": 0.0}
     for _ in range(250):  # loads the compiled kernels
         loop.step()
     began = clock()
@@ -160,12 +160,12 @@ def _rollout_stages(experiment: Any) -> tuple[dict[str, float], float]:
         marks.append(clock())
         loop.state = loop.sim.step(command, trunk)
         marks.append(clock())
-        spent["control"] += marks[1] - marks[0] + marks[3] - marks[2]
-        spent["network"] += marks[2] - marks[1]
-        spent["physics"] += marks[4] - marks[3]
+        durations["control"] += marks[1] - marks[0] + marks[3] - marks[2]
+        durations["network"] += marks[2] - marks[1]
+        durations["physics"] += marks[4] - marks[3]
     total = clock() - began
     loop.close()
-    return {key: 1e6 * value / ticks for key, value in spent.items()}, 1e6 * total / ticks
+    return {key: 1e6 * value / ticks for key, value in durations.items()}, 1e6 * total / ticks
 
 
 def bench_messages() -> Rows:
@@ -187,13 +187,13 @@ def bench_messages() -> Rows:
             setattr(template, field, values if field == "q" else values.tolist())
             return serialize_message(template)
 
-        ways = {
+        variants = {
             "encode ours": encode,
             "encode rclpy": ros_encode,
             "decode ours": lambda codec=codec, data=data, f=field: codec.decode(data)[f],
             "decode rclpy": lambda data=data, kind=kind: deserialize_message(data, kind),
         }
-        rows.append({"message": kind.__name__, **_best_of(ways)})
+        rows.append({"message": kind.__name__, **_best_of(variants)})
     return rows
 
 
@@ -201,10 +201,10 @@ def _best_of(ways: dict[str, Callable[[], Any]], repeats: int = 20, calls: int =
     """Fastest time of each function [µs], measured alternately."""
     best = dict.fromkeys(ways, float("inf"))
     for _ in range(repeats):
-        for name, way in ways.items():
+        for name, variant in ways.items():
             began = time.perf_counter()
             for _ in range(calls):
-                way()
+                variant()
             best[name] = min(best[name], 1e6 * (time.perf_counter() - began) / calls)
     return best
 

@@ -47,10 +47,10 @@ def _row(name: str, overrides: dict[str, Any], listed: list[dict[str, Any]]) -> 
     best = {"ours": np.inf, "one": np.inf, "engine": np.inf}
     for _ in range(TURNS):
         limbs.KEPT.forget()
-        for who, way in (("ours", _alone), ("one", _alone), ("engine", _with_engine)):
+        for who, simulate in (("ours", _alone), ("one", _alone), ("engine", _with_engine)):
             targets[:, robot.driven[0]] += 0.01
             began = time.process_time()
-            steps = way(robot, listed, targets)
+            steps = simulate(robot, listed, targets)
             best[who] = min(best[who], 1e6 * (time.process_time() - began) / steps)
     return {
         "robot": name,
@@ -70,10 +70,10 @@ def _alone(robot: Any, listed: list[dict[str, Any]], targets: np.ndarray) -> int
 
 
 def _with_engine(robot: Any, listed: list[dict[str, Any]], targets: np.ndarray) -> int:
-    still, flags = np.zeros(len(robot.joints)), np.ones(len(robot.feet), dtype=bool)
+    zeros, flags = np.zeros(len(robot.joints)), np.ones(len(robot.feet), dtype=bool)
     with Simulation(None, effects.from_list(listed), 0, None, robot) as sim:
         sim.reset()
         for k, q in enumerate(targets):
-            trunk = TrunkTorque(k, k * sim.dt, still, np.zeros(6), flags)
-            sim.step(MotionCommand(k, k * sim.dt, q, still), trunk)
+            trunk = TrunkTorque(k, k * sim.dt, zeros, np.zeros(6), flags)
+            sim.step(MotionCommand(k, k * sim.dt, q, zeros), trunk)
         return round(len(targets) * sim.dt / sim.physics_dt)

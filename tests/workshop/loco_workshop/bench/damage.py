@@ -34,13 +34,13 @@ def bench_damage(truncations: int = TRUNCATIONS, flips: int = FLIPS, seed: int =
     """
     rng = np.random.default_rng(seed)
     with tempfile.TemporaryDirectory() as folder:
-        whole = sample(Path(folder) / "whole")
-        trial = _Trial(whole, Path(folder))
+        intact = sample(Path(folder) / "whole")
+        trial = _Trial(intact, Path(folder))
         cuts = rng.integers(0, len(trial.data), truncations)
         for cut in cuts.tolist():
             trial.run("truncated", trial.data[:cut], lambda a, b, cut=cut: b <= cut)
-        places, masks = rng.integers(0, len(trial.data), flips), rng.integers(1, 256, flips)
-        for at, mask in zip(places.tolist(), masks.tolist(), strict=True):
+        offsets, masks = rng.integers(0, len(trial.data), flips), rng.integers(1, 256, flips)
+        for at, mask in zip(offsets.tolist(), masks.tolist(), strict=True):
             data = bytearray(trial.data)
             data[at] ^= mask
             trial.run("byte changed", bytes(data), lambda a, b, at=at: not a <= at < b)
@@ -81,10 +81,10 @@ class _Trial:
         self._file.parent.mkdir()
         self._messages = _messages(bag)
         self._chunks = []
-        for piece in bag.file.chunks:
-            records = bag.file.records(piece)
+        for chunk in bag.file.chunks:
+            records = bag.file.records(chunk)
             prints = _prints(bag, records)
-            self._chunks.append((piece.start - HEAD.size, piece.stop, prints))
+            self._chunks.append((chunk.start - HEAD.size, chunk.stop, prints))
         self.tallies: dict[str, Counter] = {}
         self.slowest: dict[str, float] = {}
 
@@ -99,8 +99,8 @@ class _Trial:
             self._recover(tally, spared)
         except Exception:
             tally["tracebacks"] += 1
-        spent = 1e3 * (time.perf_counter() - began)
-        self.slowest[kind] = max(spent, self.slowest.get(kind, 0.0))
+        milliseconds = 1e3 * (time.perf_counter() - began)
+        self.slowest[kind] = max(milliseconds, self.slowest.get(kind, 0.0))
 
     def _read(self, tally: Counter) -> None:
         """Check that a damaged file is either read correctly or reported as damaged."""

@@ -64,8 +64,8 @@ def weak(name: str) -> dict[str, Any]:
     for key in identity.strengths:
         low, _, high = identity.priors[key]
         size = low if low > 0.0 else 0.01 * high
-        now = getattr(effects.EFFECTS[name], key)
-        values[key] = (size,) * len(now) if isinstance(now, tuple) else size
+        default = getattr(effects.EFFECTS[name], key)
+        values[key] = (size,) * len(default) if isinstance(default, tuple) else size
     return {"name": name, **values}
 
 
@@ -74,13 +74,13 @@ def bench_effects() -> list[dict[str, Any]]:
     rows = []
     for robot in ROBOTS:
         names = effects.applicable(robots.load(robot))
-        bare = Bench(robot, [])
-        off = Bench(robot, [{"name": name} for name in names])
+        nominal = Bench(robot, [])
+        inactive = Bench(robot, [{"name": name} for name in names])
         on = Bench(robot, [weak(name) for name in names])
-        times = np.array([[b.block() for b in (bare, off, on)] for _ in range(BLOCKS)])
+        times = np.array([[b.block() for b in (nominal, inactive, on)] for _ in range(BLOCKS)])
         step = float(np.median(times[:, 0]))
         ratio = np.median(times[:, 1:] / times[:, :1], axis=0) - 1.0
-        calls = _calls(on.sim, bare.sim)
+        calls = _calls(on.sim, nominal.sim)
         rows.append(
             {
                 "robot": robot,
@@ -92,7 +92,7 @@ def bench_effects() -> list[dict[str, Any]]:
                 "on, whole step %": 100.0 * float(ratio[1]),
             }
         )
-        for b in (bare, off, on):
+        for b in (nominal, inactive, on):
             b.sim.close()
     return rows
 
@@ -101,13 +101,13 @@ def _calls(on: Simulation, bare: Simulation) -> tuple[float, float]:
     """Smallest time of all effects in a step, and of the bare step [µs]."""
     per_tick = round(on.dt / on.physics_dt)
     joints, state = on.loop._joints, bare.reset()
-    plain = _least(lambda: bare._drive.torque(*bare.loop._joints))
+    nominal = _least(lambda: bare._drive.torque(*bare.loop._joints))
 
     def affected() -> None:
         on._world._frames.clear()  # clear the cache, as each step does
         on.loop._affected_torque(*joints)
 
-    torque = _least(affected) - plain
+    torque = _least(affected) - nominal
     hooks = on._on_measurement
     sensing = sum(_least(lambda f=change: f(state)) for *_, change in hooks) / per_tick
     tick = MotionCommand(0, 0.0, bare.robot.standing, np.zeros(len(bare.robot.joints)))

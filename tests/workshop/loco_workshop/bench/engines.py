@@ -72,18 +72,18 @@ def floors(name: str, engine: str) -> float:
         robot = replace(robot, sensors=robot.sensors.replace(exact=True))
     t = np.arange(round(SECONDS * robot.control_rate)) / robot.control_rate
     wave = np.sin(2.0 * np.pi * (0.5 + 0.1 * t) * t)[:, None] + 0.3 * np.sin(15.0 * t)[:, None]
-    orders = JointCommands(robot).orders(robot.standing[robot.driven] + 0.08 * wave)
+    commands = JointCommands(robot).orders(robot.standing[robot.driven] + 0.08 * wave)
     with Simulation(robot=robot) as sim:
         sim.reset()
-        q = np.array([state.q for state in sim.follow(orders)])
+        q = np.array([state.q for state in sim.follow(commands)])
     noise = NOISE * np.random.default_rng(1).standard_normal(q.shape)
     model = Model(name, BOLTED[name])
     driven = tuple(robot.joints[i] for i in robot.driven)
-    command = {"position": orders.q[:, robot.driven]}
+    command = {"position": commands.q[:, robot.driven]}
     record = Record(name, t, command, driven, {"q": q + noise}, robot.joints)
     case = cases.prepare(Forward(model, [record]), [record], [])
-    alone = Bolted(robot).run(orders.q).q
-    return float(np.sqrt(1.0 + np.mean(np.square((q - alone) / case.floors[0]))))
+    reference = Bolted(robot).run(commands.q).q
+    return float(np.sqrt(1.0 + np.mean(np.square((q - reference) / case.floors[0]))))
 
 
 def on_ground(name: str, values: dict[str, Any]) -> Rows:
@@ -110,9 +110,9 @@ def _times() -> Rows:
     for _ in range(TURNS):
         for engine in ENGINES:
             worlds[engine].rebuild(hyq.standing, height=5.0)
-            still = [0.0] * len(hyq.joints)
-            spent = _spent(lambda w=worlds[engine], z=still: w.step(z), STEPS)
-            step[engine] = min(step[engine], spent)
+            zeros = [0.0] * len(hyq.joints)
+            elapsed = _spent(lambda w=worlds[engine], z=zeros: w.step(z), STEPS)
+            step[engine] = min(step[engine], elapsed)
             tick[engine] = min(tick[engine], _spent(loops[engine].step, TICKS))
     for each in (*worlds.values(), *loops.values()):
         each.close()

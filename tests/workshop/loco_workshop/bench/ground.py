@@ -46,23 +46,23 @@ def bench_ground() -> list[dict[str, Any]]:
 
 
 def _steps(name: str, robot: str, listed: list[dict[str, Any]]) -> dict[str, Any]:
-    way = {engine: _moving(robot, engine, listed) for engine in ENGINES}
+    setups = {engine: _moving(robot, engine, listed) for engine in ENGINES}
     best = dict.fromkeys((*ENGINES, "alone"), np.inf)
     for _ in range(TURNS):
-        for engine, (sim, orders) in way.items():
+        for engine, (sim, commands) in setups.items():
             sim.reset()
             began = time.process_time()
-            for _ in sim.follow(orders):
+            for _ in sim.follow(commands):
                 pass
-            spent = (time.process_time() - began) / len(orders.q)
-            best[engine] = min(best[engine], 1e6 * spent * sim.physics_dt / sim.dt)
-        sim, orders = way["mujoco"]
+            elapsed = (time.process_time() - began) / len(commands.q)
+            best[engine] = min(best[engine], 1e6 * elapsed * sim.physics_dt / sim.dt)
+        sim, commands = setups["mujoco"]
         sim.reset()
-        for _ in sim.follow(orders.rows(0, 100)):
+        for _ in sim.follow(commands.rows(0, 100)):
             pass
         steps = round(ALONE / sim.physics_dt)
         best["alone"] = min(best["alone"], 1e6 * sim.loop.alone(steps) / steps)
-    for sim, _ in way.values():
+    for sim, _ in setups.values():
         sim.close()
     return _row(f"step of {name}", best["pybullet"], best["mujoco"], best["alone"])
 
@@ -74,8 +74,8 @@ def _moving(name: str, engine: str, listed: list[dict[str, Any]]) -> tuple[Simul
         robot = replace(robot, sensors=robot.sensors.replace(exact=True))
     t = np.arange(round(SECONDS * robot.control_rate)) / robot.control_rate
     wave = 0.02 * np.sin(2.0 * np.pi * t)[:, None]
-    orders = JointCommands(robot).orders(robot.standing[robot.driven] + wave)
-    return Simulation(effects=effects.from_list(listed), robot=robot), orders
+    commands = JointCommands(robot).orders(robot.standing[robot.driven] + wave)
+    return Simulation(effects=effects.from_list(listed), robot=robot), commands
 
 
 def _rollout() -> dict[str, Any]:
@@ -91,8 +91,8 @@ def _rollout() -> dict[str, Any]:
             began = time.process_time()
             for _ in range(TICKS // TURNS):
                 loop.step()
-            spent = 1e6 * (time.process_time() - began) / (TICKS // TURNS)
-            best[engine] = min(best.get(engine, np.inf), spent)
+            elapsed = 1e6 * (time.process_time() - began) / (TICKS // TURNS)
+            best[engine] = min(best.get(engine, np.inf), elapsed)
     for loop in loops.values():
         loop.close()
     return _row(f"tick of {ROLLOUT}", best["pybullet"], best["mujoco"])

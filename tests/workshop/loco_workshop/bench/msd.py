@@ -54,18 +54,18 @@ def _rows(nodes: int, populations: tuple[int, ...], threads: tuple[int, ...], se
     difference = largest_difference(network, params, drive)
     if not difference <= AGREE:
         raise DivergedError(f"{nodes} nodes: {difference:.2g} m from the textbook's trajectory")
-    ways: dict[tuple[int, int], MsdSimulation] = {}
+    simulations: dict[tuple[int, int], MsdSimulation] = {}
     for size in populations:
         for count in threads if size > 8 else threads[:1]:
             d = _drive(network, size if size > 1 else None)
-            ways[size, count] = MsdSimulation(network, params, d, threads=count)
+            simulations[size, count] = MsdSimulation(network, params, d, threads=count)
     textbook = TextbookSimulation(network, params, drive)
     calls: dict[Any, Callable[[int], Any]] = {"textbook": textbook.run}
-    calls.update({key: way.run for key, way in ways.items()})
+    calls.update({key: simulation.run for key, simulation in simulations.items()})
     best = _best(calls, seconds)
-    best.update({key: best[key] / key[0] for key in ways})
+    best.update({key: best[key] / key[0] for key in simulations})
     limit = seconds_per_step(network.nodes, network.count)
-    for size, count in ways:
+    for size, count in simulations:
         took = best[size, count]
         yield {
             "nodes": nodes,
@@ -83,15 +83,15 @@ def _rows(nodes: int, populations: tuple[int, ...], threads: tuple[int, ...], se
 
 def largest_difference(network: Network, params: MsdParams, drive: Drive) -> float:
     """Largest difference of loco's and the textbook's trajectory over 2 s on the ground [m]."""
-    ours, textbook = (
+    compiled, textbook = (
         kind(network, params, drive=drive) for kind in (MsdSimulation, TextbookSimulation)
     )
-    worst = 0.0
+    largest = 0.0
     for _ in range(8):
-        ours.run(50)
+        compiled.run(50)
         textbook.run(50)
-        worst = max(worst, float(np.abs(ours.position - textbook.position).max()))
-    return worst
+        largest = max(largest, float(np.abs(compiled.position - textbook.position).max()))
+    return largest
 
 
 def _drive(network: Network, size: int | None) -> Drive:

@@ -78,12 +78,12 @@ def measure(name: str, problem: Any, count: int) -> BenchRow:
     """One row; all variants evaluate the same points."""
     points: list[np.ndarray] = []
     problem(np.array(problem.start))  # loads and compiles
-    here = _rate(problem, count, 0, points.append)
+    local_rate = _rate(problem, count, 0, points.append)
     began = time.perf_counter()
     for x in points:
         problem(x)
     loop = len(points) / (time.perf_counter() - began)
-    return BenchRow(name, loop, here, _rate(problem, count, 2))
+    return BenchRow(name, loop, local_rate, _rate(problem, count, 2))
 
 
 def _rate(
@@ -96,8 +96,8 @@ def _rate(
     began: list[float] = []
     with tempfile.TemporaryDirectory() as folder:
         optimum = minimise(problem, options, folder, lambda p: began.append(time.perf_counter()))
-        spent = began[-1] - began[0]
+        elapsed = began[-1] - began[0]
         if keep:
             for row in read(folder)[1][POPULATION:]:
                 keep(np.array(row["x"]))
-    return (optimum.evaluations - POPULATION) / spent
+    return (optimum.evaluations - POPULATION) / elapsed

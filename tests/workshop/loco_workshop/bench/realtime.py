@@ -52,20 +52,20 @@ def bench_realtime(
     with bar("{task.completed:.0f}/{task.total:.0f} s") as progress:
         task = progress.add_task("", total=2 * len(KERNELS) * seconds)
         for i, (kernel, requests) in enumerate(KERNELS.items()):
-            begin = 2 * i * seconds
+            start = 2 * i * seconds
 
-            def tell(t: float, begin: float = begin, kernel: str = kernel) -> None:
+            def tell(t: float, begin: float = start, kernel: str = kernel) -> None:
                 progress.update(task, completed=begin + t, description=kernel)
 
-            graph, beside = _together(seconds, rate, layout, requests, tell)
-            alone = _finished(_bare(seconds, rate, requests))
-            refused = [line for line in graph["granted"] if "refused" in line]
-            targets = "; ".join(refused) or _targets(graph, beside)
+            graph, parallel = _together(seconds, rate, layout, requests, tell)
+            solo = _finished(_bare(seconds, rate, requests))
+            failures = [line for line in graph["granted"] if "refused" in line]
+            targets = "; ".join(failures) or _targets(graph, parallel)
             ticks = round(seconds * rate)
             rows += [
                 _row(f"graph, {layout}", kernel, graph, ticks, targets),
-                _row("bare loop, same time", kernel, beside, ticks),
-                _row(ALONE, kernel, alone, ticks),
+                _row("bare loop, same time", kernel, parallel, ticks),
+                _row(ALONE, kernel, solo, ticks),
             ]
     return rows
 
@@ -79,11 +79,11 @@ def _together(
 ) -> tuple[dict[str, Any], dict[str, Any]]:
     """Lateness of the graph, and of the bare loop, which starts when the graph ticks."""
     experiment = load(EXPERIMENT, {"duration": seconds, "control_rate": rate})
-    beside: list[subprocess.Popen] = []
+    loops: list[subprocess.Popen] = []
 
     def look(progress: runner.Progress) -> None:
-        if progress.sim_time > 0.0 and not beside:
-            beside.append(_bare(seconds, rate, requests))
+        if progress.sim_time > 0.0 and not loops:
+            loops.append(_bare(seconds, rate, requests))
         tell(progress.sim_time)
 
     with tempfile.TemporaryDirectory(prefix="loco_realtime_") as folder:
@@ -93,10 +93,10 @@ def _together(
                 realtime=requests, stop_on_fall=False,
             )  # fmt: skip
         except BaseException:
-            for process in beside:
+            for process in loops:
                 process.kill()
             raise
-    other = _finished(beside[0])
+    other = _finished(loops[0])
     if outcome.interrupted:
         raise KeyboardInterrupt
     return {**outcome.timing, "granted": outcome.granted}, other

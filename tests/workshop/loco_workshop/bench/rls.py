@@ -44,17 +44,17 @@ def bench_rls(sizes: Iterable[int] = (80, 200, 500, 1000), repeats: int = 30) ->
 def _row(n: int, repeats: int) -> BenchRow:
     rng = np.random.default_rng(0)
     u, target = rng.uniform(-1.0, 1.0, n), rng.uniform(-1.0, 1.0, OUTPUTS)
-    ways = {
+    variants = {
         "ours": _ours(n, u, target),
         "numpy": _numpy(n, u, target),
         "blas": _blas(n, u, target),
         "limit": _limit(n, u, target),
     }
     calls = max(3, round(2e6 / (n * n)))
-    best = dict.fromkeys(ways, np.inf)
+    best = dict.fromkeys(variants, np.inf)
     for _ in range(repeats):
-        for name, way in ways.items():
-            best[name] = min(best[name], _time(way, calls))
+        for name, variant in variants.items():
+            best[name] = min(best[name], _time(variant, calls))
     return BenchRow(n, **{name: 1e6 * value for name, value in best.items()})
 
 

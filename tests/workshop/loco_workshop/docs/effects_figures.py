@@ -63,12 +63,12 @@ def draw(name: str, path: Path) -> None:
     """Write the figure of an effect."""
     matplotlib.use("Agg")
     f = FINGERPRINTS[name]
-    bare, with_it = record(f, []), record(f, [{"name": name, **f.values}])
+    nominal, with_it = record(f, []), record(f, [{"name": name, **f.values}])
     with plt.rc_context({"font.size": 7.5, "axes.spines.top": False, "axes.spines.right": False}):
         figure, axes = plt.subplots(figsize=(3.4, 1.9), dpi=110, layout="constrained")
-        for rows, colour, width in ((bare, GREY, 2.2), (with_it, ORANGE, 1.2)):
-            shown = rows["t"] >= f.after
-            axes.plot(rows[f.x][shown], rows[f.y][shown], color=colour, lw=width)
+        for rows, colour, width in ((nominal, GREY, 2.2), (with_it, ORANGE, 1.2)):
+            rows_drawn = rows["t"] >= f.after
+            axes.plot(rows[f.x][rows_drawn], rows[f.y][rows_drawn], color=colour, lw=width)
         axes.set_xlabel(f.labels[0])
         axes.set_ylabel(f.labels[1])
         figure.savefig(path)

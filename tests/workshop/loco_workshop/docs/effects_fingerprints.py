@@ -68,8 +68,8 @@ def swing(values: dict[str, Any], **more: Any) -> Fingerprint:
 
 def ring(values: dict[str, Any], **more: Any) -> Fingerprint:
     """Free oscillation of the mass on a spring; force of the spring over its length."""
-    shown = {"x": "q", "y": "tau", "labels": ("way [m]", "force [N]")}
-    return Fingerprint("spring_mass", values, **{"begin": 0.1, "duration": 2.0, **shown, **more})
+    axes = {"x": "q", "y": "tau", "labels": ("way [m]", "force [N]")}
+    return Fingerprint("spring_mass", values, **{"begin": 0.1, "duration": 2.0, **axes, **more})
 
 
 def moved(values: dict[str, Any], **more: Any) -> Fingerprint:

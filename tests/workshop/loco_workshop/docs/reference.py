@@ -157,8 +157,8 @@ def _rows(params: Any, prefix: str) -> Iterable[tuple[str, ...]]:
         optional = f.metadata.get("optional")
         if optional and getattr(params, f.name) is None:
             continue
-        plain = f.default is not dataclasses.MISSING and not prefix and not optional
-        value = f.default if plain else getattr(params, f.name)  # the constructor may set defaults
+        stated = f.default is not dataclasses.MISSING and not prefix and not optional
+        value = f.default if stated else getattr(params, f.name)  # the constructor may set defaults
         if f.default_factory in (dict, tuple) and not prefix:
             value = f.default_factory()
         if isinstance(value, Params):

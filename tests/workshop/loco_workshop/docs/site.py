@@ -27,5 +27,5 @@ def build(root: Path, out: Path) -> None:
     command = [sys.executable, "-m", "mkdocs", "build", "--strict", "-d", str(out.resolve())]
     done = subprocess.run(command, cwd=root, check=False, capture_output=True, text=True)
     if done.returncode:
-        said = [line for line in done.stderr.splitlines() if line.startswith(("WARN", "ERR"))]
-        raise LocoError("\n".join(["the site was not built", *(said or [done.stderr])]))
+        warnings = [line for line in done.stderr.splitlines() if line.startswith(("WARN", "ERR"))]
+        raise LocoError("\n".join(["the site was not built", *(warnings or [done.stderr])]))

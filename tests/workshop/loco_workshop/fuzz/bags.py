@@ -90,8 +90,8 @@ def made(recipe: bytes, sums: bool = True) -> bytes:
             _write(writer, channel)
         for name, text in values.get("files", {}).items():
             writer.add_attachment(0, 0, name, "text/yaml", text.encode())
-        for name, texts in values.get("metadata", {}).items():
-            writer.add_metadata(name, texts)
+        for name, entries in values.get("metadata", {}).items():
+            writer.add_metadata(name, entries)
         writer.finish()
     except Exception as error:  # damage that the writer of the other library does not accept
         raise ParameterError(f"no recipe of a bag: {type(error).__name__}") from None
@@ -134,7 +134,7 @@ def read_file(data: bytes, folder: Path) -> None:
     robot, mapping = robots.load("servo_pendulum"), folder / "mapping.yaml"
     mapping.write_text(MAPPED)
     errors = []
-    ways = {
+    operations = {
         "show": lambda out: show_bag(place, True, True),
         "info": lambda out: show_bag(place),
         "recover": lambda out: recover(place, out),
@@ -144,11 +144,11 @@ def read_file(data: bytes, folder: Path) -> None:
         "mapped": lambda out: importing.load(place, robot, mapping),
         **{f"export {form}": lambda out, form=form: export(place, out, form) for form in FORMATS},
     }
-    for name, way in ways.items():
+    for name, operation in operations.items():
         out = folder / "out"
         try:
             with silence():
-                way(out)
+                operation(out)
         except LocoError as error:
             errors.append(error)
             if out.exists():

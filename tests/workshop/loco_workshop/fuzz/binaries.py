@@ -152,10 +152,10 @@ def read_metadata(data: bytes, folder: Path) -> None:
     place = folder / "bag"
     place.mkdir()
     (place / "metadata.yaml").write_bytes(data)
-    whole = bags.files()[0]
-    (place / "bag_0.mcap").write_bytes(whole[: len(whole) // 2])
+    intact = bags.files()[0]
+    (place / "bag_0.mcap").write_bytes(intact[: len(intact) // 2])
     recover(place, folder / "out")
-    (place / "bag_0.mcap").write_bytes(whole)
+    (place / "bag_0.mcap").write_bytes(intact)
     Bag(place)
     with bags.silence():
         show_bag(place, True, False)
@@ -182,8 +182,8 @@ def _result_folder(folder: Path, **files: bytes) -> Path:
     place = folder / "results"
     place.mkdir()
     model = b"format: 1\nrobot: servo_pendulum\neffects: [{name: coulomb_friction, joint: pivot}]\n"
-    whole = {"gap.json": results()[0], "job.json": jobs()[0], "model.yaml": model}
-    for name, data in (whole | {key.replace("_", "."): data for key, data in files.items()}).items():
+    valid = {"gap.json": results()[0], "job.json": jobs()[0], "model.yaml": model}
+    for name, data in (valid | {key.replace("_", "."): data for key, data in files.items()}).items():
         (place / name).write_bytes(data)
     return place
 

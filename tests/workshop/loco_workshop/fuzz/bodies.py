@@ -140,8 +140,8 @@ def _simulated(path: Path) -> Iterator[LocoError]:
             params = dataclasses.replace(robot.sim, engine=engine)
             unprotected = mock.patch.object(trial, "check")
             with unprotected, Simulation(params, robot=robot, dt=STEP) as plant:
-                still = np.zeros(len(robot.joints))
+                zeros = np.zeros(len(robot.joints))
                 for k in range(STEPS):
-                    plant.step(MotionCommand(k, k * plant.dt, still, still))
+                    plant.step(MotionCommand(k, k * plant.dt, zeros, zeros))
         except LocoError as error:
             yield error

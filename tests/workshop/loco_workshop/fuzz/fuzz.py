@@ -79,8 +79,8 @@ def fuzz(
         while row["inputs"] < share if count else not batch or time.monotonic() < min(end, until):
             size = min(BATCH, share - row["inputs"]) if count else BATCH
             job = [seed, list(TARGETS).index(name), batch]
-            found = run_batch(name, job, size, folder / name, damage)
-            row = {key: row[key] + found.get(key, 0) for key in row}
+            counts = run_batch(name, job, size, folder / name, damage)
+            row = {key: row[key] + counts.get(key, 0) for key in row}
             batch += 1
         return name, row
 
@@ -100,14 +100,14 @@ def run_batch(
             stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True,
         )  # fmt: skip
         try:
-            said, _ = child.communicate(timeout=60 + count * 2)
+            output, _ = child.communicate(timeout=60 + count * 2)
         except subprocess.TimeoutExpired:  # a compiled loop does not handle the signal
             child.kill()
             child.communicate()
             return keep(Path(place), folder, "no end", "no end")
         if child.returncode:
             return keep(Path(place), folder, "crash", f"{child.returncode}")
-        return json.loads(said.splitlines()[-1])
+        return json.loads(output.splitlines()[-1])
 
 
 def keep(place: Path, folder: Path, kind: str, why: str) -> dict[str, int]:
@@ -169,21 +169,21 @@ def main() -> None:
     """Run a batch described by JSON on the command line, and print its counts."""
     warnings.simplefilter("ignore")
     name, seed, count, place, folder, damage = json.loads(sys.argv[1])
-    chosen, found = target(name), {"inputs": 0, "refused": 0, **dict.fromkeys(KINDS, 0)}
+    selected, counts = target(name), {"inputs": 0, "refused": 0, **dict.fromkeys(KINDS, 0)}
     corpus = [path.read_bytes() for path in sorted(Path(folder).glob("*.bin"))]
     with tempfile.TemporaryDirectory() as first:  # first run: compiles, imports
-        chosen.run(chosen.seeds()[0], Path(first))
+        selected.run(selected.seeds()[0], Path(first))
     current, row = os.path.join(place, _CURRENT), os.path.join(place, _ROW)
-    for data in inputs(chosen, seed, count, damage, corpus):
-        Path(row).write_text(json.dumps(found))
+    for data in inputs(selected, seed, count, damage, corpus):
+        Path(row).write_text(json.dumps(counts))
         Path(current).write_bytes(data)
-        kind, why = outcome(chosen, data)
-        found["inputs"] += 1
+        kind, reason = outcome(selected, data)
+        counts["inputs"] += 1
         if kind:
-            found[kind] += 1
+            counts[kind] += 1
         if kind in KINDS:
-            save(data, Path(folder), why)
-    sys.stdout.write("\n" + json.dumps(found) + "\n")
+            save(data, Path(folder), reason)
+    sys.stdout.write("\n" + json.dumps(counts) + "\n")
 
 
 if __name__ == "__main__":

@@ -144,9 +144,9 @@ def _elements(data: bytes, rng: np.random.Generator) -> bytes:
             key = sorted(child.attrib)[int(rng.integers(len(child.attrib)))]
             value = names[int(rng.integers(len(names)))]
             if how < 0.6:  # replace one number in a text of several
-                words = child.attrib[key].split() or [""]
-                words[int(rng.integers(len(words)))] = value
-                value = " ".join(words)
+                tokens = child.attrib[key].split() or [""]
+                tokens[int(rng.integers(len(tokens)))] = value
+                value = " ".join(tokens)
             elif how < 0.65:
                 child.attrib["x"] = child.attrib.pop(key)
                 continue

@@ -220,9 +220,11 @@ def _readers() -> list[tuple[Callable, Callable]]:
     from loco_control.ros.messages.convert import Converter
     from loco_control.ros.messages.joint_codec import ImuReader, JointCodec
 
-    kinds = (types.RobotState, types.GaitTarget, types.MotionCommand, types.TrunkTorque)
-    made: list[Any] = [*map(Converter, kinds), JointCodec(JOINTS), JointCodec(("a",)), ImuReader()]
-    return [(reader.read, reader.finite) for reader in made]
+    classes = (types.RobotState, types.GaitTarget, types.MotionCommand, types.TrunkTorque)
+    readers: list[Any] = [
+        *map(Converter, classes), JointCodec(JOINTS), JointCodec(("a",)), ImuReader()
+    ]  # fmt: skip
+    return [(reader.read, reader.finite) for reader in readers]
 
 
 def _message_seeds() -> list[bytes]:
@@ -234,8 +236,8 @@ def _message_seeds() -> list[bytes]:
 
     names, zeros = list(JOINTS), [0.0] * len(JOINTS)
     joints = JointState(name=names, position=zeros, velocity=zeros, effort=zeros)
-    made = (RobotState(), MotionCommand(), joints, JointState(name=["a"], position=[1.0]), Imu())
-    return [bytes(serialize_message(message)) for message in made]
+    samples = (RobotState(), MotionCommand(), joints, JointState(name=["a"], position=[1.0]), Imu())
+    return [bytes(serialize_message(message)) for message in samples]
 
 
 def _mesh(data: bytes, folder: Path) -> None:

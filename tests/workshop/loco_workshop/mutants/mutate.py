@@ -54,19 +54,19 @@ def mutants(source: str) -> list[Mutant]:
     """
     tree = ast.parse(source)
     _mark(tree)
-    found = [
+    result = [
         mutant
         for node in ast.walk(tree)
         if not getattr(node, "skipped", False)
         for mutant in _of(node, tree)
         if mutant.before != mutant.after
     ]
-    found.sort(key=lambda mutant: (mutant.line, mutant.before, mutant.after))
-    seen: Counter[str] = Counter()
-    for i, mutant in enumerate(found):
-        seen[mutant.key] += 1
-        found[i] = replace(mutant, number=seen[mutant.key])
-    return found
+    result.sort(key=lambda mutant: (mutant.line, mutant.before, mutant.after))
+    counts: Counter[str] = Counter()
+    for i, mutant in enumerate(result):
+        counts[mutant.key] += 1
+        result[i] = replace(mutant, number=counts[mutant.key])
+    return result
 
 
 def _mark(tree: ast.Module) -> None:
@@ -104,8 +104,8 @@ def _of(node: ast.AST, tree: ast.Module) -> Iterator[Mutant]:
     elif isinstance(node, ast.Constant) and isinstance(node.value, (int, float)):
         yield _changed(node, tree, node, "value", node.value + 1)
     elif isinstance(node, (ast.If, ast.IfExp, ast.While)):
-        turned = ast.UnaryOp(ast.Not(), node.test)
-        yield _changed(node.test, tree, node, "test", turned)
+        negated = ast.UnaryOp(ast.Not(), node.test)
+        yield _changed(node.test, tree, node, "test", negated)
     for name in ("body", "orelse", "finalbody"):
         block = getattr(node, name, None)
         for i, child in enumerate(block if isinstance(block, list) else []):
@@ -119,8 +119,8 @@ def _changed(shown: ast.AST, tree: ast.Module, place: object, key: object, new: 
     old = place[key] if listed else getattr(place, key)
     put = place.__setitem__ if listed else lambda k, v: setattr(place, k, v)
     put(key, new)
-    still = shown is not old  # the displayed part still exists and is changed inside
-    after = ast.unparse(shown if still else ast.fix_missing_locations(new))
+    remains = shown is not old  # the displayed part still exists and is changed inside
+    after = ast.unparse(shown if remains else ast.fix_missing_locations(new))
     text = ast.unparse(ast.fix_missing_locations(tree))
     put(key, old)
     return Mutant(shown.lineno, getattr(shown, "function", ""), before, after, text)

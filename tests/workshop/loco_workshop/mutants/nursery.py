@@ -26,15 +26,15 @@ def main() -> None:
     """Serve requests until standard input ends."""
     root, module, *tests = sys.argv[1:]
     os.chdir(root)
-    answers = os.fdopen(os.dup(1), "w", buffering=1)
+    replies = os.fdopen(os.dup(1), "w", buffering=1)
     silence = os.open(os.devnull, os.O_RDWR)
     for stream in (1, 2):
         os.dup2(silence, stream)
-    words = ["-q", "-x", "-n", "0", "-p", "no:cacheprovider", *tests]
-    pytest.main([*words, "--collect-only"])  # imports all dependencies of the tests
+    flags = ["-q", "-x", "-n", "0", "-p", "no:cacheprovider", *tests]
+    pytest.main([*flags, "--collect-only"])  # imports all dependencies of the tests
     for line in sys.stdin:
         job = json.loads(line)
-        answers.write(f"{_tested(Path(root), Path(module), job['text'], job['allowed'], words)}\n")
+        replies.write(f"{_tested(Path(root), Path(module), job['text'], job['allowed'], flags)}\n")
 
 
 def _tested(root: Path, module: Path, text: str, allowed: float, words: list[str]) -> int | str:
@@ -62,8 +62,8 @@ def _tested(root: Path, module: Path, text: str, allowed: float, words: list[str
 def _wait(process: int, allowed: float) -> int | None:
     deadline = time.monotonic() + allowed
     while time.monotonic() < deadline:
-        ended, status = os.waitpid(process, os.WNOHANG)
-        if ended:
+        exited, status = os.waitpid(process, os.WNOHANG)
+        if exited:
             return os.waitstatus_to_exitcode(status)
         time.sleep(0.01)
     return None
@@ -84,12 +84,12 @@ def _test(root: str, sources: str, scratch: str, words: list[str]) -> NoReturn:
             name: object.__getattribute__(each, "__dict__").get("__file__") or ""
             for name, each in sys.modules.items()
         }
-        ours = {
+        packages = {
             name.partition(".")[0] for name, file in files.items()
             if file.startswith(root) and "site-packages" not in file and name != "__main__"
         }  # fmt: skip
         for name in files:
-            if name.partition(".")[0] in ours:
+            if name.partition(".")[0] in packages:
                 del sys.modules[name]
         code = int(pytest.main(words))
     finally:

@@ -117,13 +117,13 @@ def survey(
         if 0 < limit < len(drawn):
             drawn = sorted(random.Random(seed).sample(drawn, limit), key=lambda m: m.line)
         source, tests = _digest(root, [module]), _digest(root, PROTECTING[module])
-        known = {
+        by_change = {
             row["change"]: row["end"] for row in journal.rows
             if row["module"] == module and row["source"] == source
             and (row["tests"] == tests or (survivors and row["end"] in NOTICED))
         } | dict.fromkeys(EQUIVALENT.get(module, {}), "equivalent")  # fmt: skip
-        for verdict in _judged(root, module, drawn, workers, known):
-            if verdict.change not in known:
+        for verdict in _judged(root, module, drawn, workers, by_change):
+            if verdict.change not in by_change:
                 journal.append({**asdict(verdict), "source": source, "tests": tests})
             verdicts.append(verdict)
             tell(verdict)
@@ -131,8 +131,8 @@ def survey(
 
 
 def _digest(root: Path, paths: Iterable[str]) -> str:
-    texts = [(root / path).read_bytes() for path in paths]
-    return hashlib.sha256(b"\0".join(texts)).hexdigest()[:16]
+    contents = [(root / path).read_bytes() for path in paths]
+    return hashlib.sha256(b"\0".join(contents)).hexdigest()[:16]
 
 
 def _judged(
@@ -199,10 +199,10 @@ class Nursery:
 
     def ask(self, text: str, allowed: float) -> str:
         """Result of pytest for a source, or ``timeout`` after `allowed` seconds."""
-        asks, answers = self._process.stdin, self._process.stdout
-        asks.write(json.dumps({"text": text, "allowed": allowed}) + "\n")
-        asks.flush()
-        return answers.readline().strip()
+        requests, replies = self._process.stdin, self._process.stdout
+        requests.write(json.dumps({"text": text, "allowed": allowed}) + "\n")
+        requests.flush()
+        return replies.readline().strip()
 
 
 def score(verdicts: list[Verdict]) -> float:

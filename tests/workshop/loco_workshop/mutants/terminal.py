@@ -26,13 +26,13 @@ def show_mutants(a: argparse.Namespace) -> int:
         raise ParameterError(
             f"--limit must be at least 0 and --workers at least 1, got {a.limit} and {a.workers}"
         )
-    chosen = [module for module in PROTECTING if a.only in module]
-    if not chosen:
+    selected = [module for module in PROTECTING if a.only in module]
+    if not selected:
         raise NameUnknownError("protecting module", a.only, list(PROTECTING))
     check_writable(a.out)
     journal = Journal(a.out / "mutants.jsonl", {"kind": "mutants", "format": 1}, anew=True)
     try:
-        verdicts = survey(root(), chosen, a.limit, a.seed, a.workers, journal, _tell, a.survivors)
+        verdicts = survey(root(), selected, a.limit, a.seed, a.workers, journal, _tell, a.survivors)
     finally:
         journal.close()
     write(verdicts, a.out)

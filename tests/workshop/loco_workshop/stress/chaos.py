@@ -45,12 +45,12 @@ def cells(only: str = "") -> list[Cell]:
     Raises:
         NameUnknownError: No cell name contains the text.
     """
-    rough = [*(("SIGKILL", who) for who in KILLED), *(("rough", what) for what in HAPPENS)]
-    found = [Cell(*pair) for pair in (*STOP, *KILL, *rough, *(("faults", t) for t in TOPICS))]
-    chosen = [cell for cell in found if only in cell.name]
-    if not chosen:
-        raise NameUnknownError("cell", only, [cell.name for cell in found])
-    return chosen
+    kills = [*(("SIGKILL", who) for who in KILLED), *(("rough", what) for what in HAPPENS)]
+    available = [Cell(*pair) for pair in (*STOP, *KILL, *kills, *(("faults", t) for t in TOPICS))]
+    selected = [cell for cell in available if only in cell.name]
+    if not selected:
+        raise NameUnknownError("cell", only, [cell.name for cell in available])
+    return selected
 
 
 def run(
@@ -76,12 +76,12 @@ def run(
         raise ParameterError(f"repeats must be at least 1, got {repeats}")
     folder = folder.resolve()
     (folder / "cells").mkdir(parents=True, exist_ok=True)
-    found = {}
+    by_cell = {}
     for cell in chosen:
         tell(cell)
         rows = rows_of(cell, folder, repeats, seed)
-        found[cell.name] = _run_cell(cell, repeats, seed, folder) if rows is None else rows
-    return found
+        by_cell[cell.name] = _run_cell(cell, repeats, seed, folder) if rows is None else rows
+    return by_cell
 
 
 def rows_of(cell: Cell, folder: Path, repeats: int, seed: int) -> list[dict[str, Any]] | None:
@@ -89,8 +89,8 @@ def rows_of(cell: Cell, folder: Path, repeats: int, seed: int) -> list[dict[str,
     path = folder / "cells" / f"{cell.name}.json"
     if not path.is_file():
         return None
-    said = json.loads(path.read_text())
-    return said["rows"] if (said["repeats"], said["seed"]) == (repeats, seed) else None
+    stored = json.loads(path.read_text())
+    return stored["rows"] if (stored["repeats"], stored["seed"]) == (repeats, seed) else None
 
 
 def _run_cell(cell: Cell, repeats: int, seed: int, folder: Path) -> list[dict[str, Any]]:

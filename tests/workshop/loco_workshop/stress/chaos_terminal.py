@@ -32,25 +32,25 @@ _LEFT = {
 
 def show_chaos(a: argparse.Namespace) -> int:
     """Run the missing cells; returns 0 if every cell met its requirement, else 1."""
-    chosen = chaos.cells(a.only)
+    selected = chaos.cells(a.only)
     with bar("{task.completed}/{task.total} cells", "{task.fields[last]}") as progress:
-        task = progress.add_task("chaos", total=len(chosen), last="", completed=-1)
+        task = progress.add_task("chaos", total=len(selected), last="", completed=-1)
 
         def tell(cell: chaos.Cell) -> None:
             progress.update(task, advance=1, last=cell.name)
 
-        found = chaos.run(chosen, a.repeats, a.seed, a.out, tell)
-    rows = [row for rows in found.values() for row in rows]
+        by_cell = chaos.run(selected, a.repeats, a.seed, a.out, tell)
+    rows = [row for rows in by_cell.values() for row in rows]
     (a.out / "chaos.json").write_text(json.dumps(rows, indent=1))
     text = page(rows)
     (a.out / "chaos.md").write_text(text)
     console.print(text, markup=False)
-    bad = [row for row in rows if not row["ok"]]
-    for row in bad:
-        said = "; ".join(row["notes"]) or "not what docs/faults.md says"
-        console.print(f"{row['how']} {row['what']}: {said}", markup=False)
-    console.print(f"{len(rows) - len(bad)} of {len(rows)} cells as they have to be: {a.out}")
-    return int(bool(bad))
+    failed = [row for row in rows if not row["ok"]]
+    for row in failed:
+        message = "; ".join(row["notes"]) or "not what docs/faults.md says"
+        console.print(f"{row['how']} {row['what']}: {message}", markup=False)
+    console.print(f"{len(rows) - len(failed)} of {len(rows)} cells as they have to be: {a.out}")
+    return int(bool(failed))
 
 
 def page(rows: list[dict[str, Any]]) -> str:
@@ -75,15 +75,15 @@ were hit. `fell`: of all faults of the topic, those that brought HyQ down."""
 
 def _of_faults(rows: list[dict[str, Any]]) -> list[str]:
     """Markdown table with one row per topic and one column per fault."""
-    kinds = [k for k in dict.fromkeys(row["how"] for row in rows) if k != "faults"]  # an error row
+    faults = [k for k in dict.fromkeys(row["how"] for row in rows) if k != "faults"]  # an error row
     lines = []
     for topic in dict.fromkeys(row["what"] for row in rows):
-        own = {row["how"]: row for row in rows if row["what"] == topic}
-        fell = str(sum(row.get("fell", 0) for row in own.values()))
-        cells = [_outcome(own[kind]) if kind in own else "" for kind in kinds]
-        worst = min(own.values(), key=lambda row: row["ok"])
-        lines.append([f"`{topic}`", *cells, fell, *_end(worst)])
-    return _table(["topic", *kinds, "fell", *_LEFT.values(), "as it has to be"], lines)
+        by_kind = {row["how"]: row for row in rows if row["what"] == topic}
+        falls = str(sum(row.get("fell", 0) for row in by_kind.values()))
+        cells = [_outcome(by_kind[kind]) if kind in by_kind else "" for kind in faults]
+        minimum = min(by_kind.values(), key=lambda row: row["ok"])
+        lines.append([f"`{topic}`", *cells, falls, *_end(minimum)])
+    return _table(["topic", *faults, "fell", *_LEFT.values(), "as it has to be"], lines)
 
 
 def _outcome(row: dict[str, Any]) -> str:

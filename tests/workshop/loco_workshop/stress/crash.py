@@ -116,14 +116,14 @@ def run(
     prepare(place / "inputs", name)
     trial = _Trial(name, place, random.Random(f"{seed} {name}"))
     trial.undisturbed()
-    begun = False
+    started = False
     while trial.row.kills < kills:
-        begun = trial.killed()
-        if begun:
+        started = trial.killed()
+        if started:
             tell(trial.row)
         else:
             trial.compare()
-    if begun:
+    if started:
         trial.end()
     for _ in range(disks):
         trial.fill()
@@ -138,9 +138,9 @@ def prepare(folder: Path, name: str) -> None:
     write_whole(folder / "study.yaml", yaml.safe_dump(_STUDY, sort_keys=False))
     write_whole(folder / "plan.yaml", yaml.safe_dump(_PLAN, sort_keys=False))
     if name in MAKES:
-        code, said = finish(start(MAKES[name].replace("{}", str(folder)).split()))
+        code, output = finish(start(MAKES[name].replace("{}", str(folder)).split()))
         if code:
-            raise GraphError(f"no recordings for `loco {name}`: {said[-300:]}")
+            raise GraphError(f"no recordings for `loco {name}`: {output[-300:]}")
 
 
 def contents(folder: Path) -> dict[str, bytes]:
@@ -178,9 +178,9 @@ class _Trial:
             GraphError: The run failed.
         """
         began, out = time.monotonic(), self._place / "whole"
-        code, said = finish(self._start(out))
+        code, output = finish(self._start(out))
         if code not in GOOD:
-            raise GraphError(f"`loco {self.row.command}` alone ended with {code}: {said[-300:]}")
+            raise GraphError(f"`loco {self.row.command}` alone ended with {code}: {output[-300:]}")
         self._length, self._whole = time.monotonic() - began, contents(out)
 
     def killed(self) -> bool:
@@ -207,10 +207,10 @@ class _Trial:
         mounted = _mount(f"size={size}", out)
         try:
             limit = 0 if mounted else self._draw.choice(sizes) // 2 + 1
-            code, said = finish(self._start(out, limit))
+            code, output = finish(self._start(out, limit))
             self.row.full += 1
-            if "Traceback" in said or code not in (*GOOD, REFUSED):
-                self._note(f"a full disk ended it with {code}: {said[-200:]}")
+            if "Traceback" in output or code not in (*GOOD, REFUSED):
+                self._note(f"a full disk ended it with {code}: {output[-200:]}")
             self._look_for_torn()
             if mounted:
                 _mount("remount,size=1G", out)
@@ -221,18 +221,18 @@ class _Trial:
 
     def end(self) -> None:
         """Start the command once more, let it complete, and compare."""
-        code, said = finish(self._start(self.out))
+        code, output = finish(self._start(self.out))
         if code not in GOOD:
-            self._note(f"started again it ended with {code}: {said[-200:]}")
+            self._note(f"started again it ended with {code}: {output[-200:]}")
         self.compare()
 
     def compare(self) -> None:
         """Compare the files of a completed run; the next run gets a new folder."""
         after = contents(self.out)
-        more = sorted(set(after) - set(self._whole))
+        extra = sorted(set(after) - set(self._whole))
         other = [path for path in self._whole if after.get(path) != self._whole[path]]
-        self.row.left += len(more)
-        for path in more:
+        self.row.left += len(extra)
+        for path in extra:
             self._note(f"{path} is left")
         for path in other:
             self._note(f"{path} differs")
@@ -248,9 +248,9 @@ class _Trial:
         self.row.notes.append(f"run {self.row.ends}: {' '.join(text.split())}")
 
     def _start(self, out: Path, limit: int = 0) -> subprocess.Popen:
-        words = COMMANDS[self.row.command].replace("{}", str(self._place / "inputs")).split()
+        arguments = COMMANDS[self.row.command].replace("{}", str(self._place / "inputs")).split()
         return start(
-            [*words, "--workers", str(self._draw.choice((1, 2))), "--out", str(out)], limit
+            [*arguments, "--workers", str(self._draw.choice((1, 2))), "--out", str(out)], limit
         )
 
 
@@ -274,14 +274,14 @@ def finish(process: subprocess.Popen, patience: float = PATIENCE) -> tuple[int, 
     It is also killed if this process is interrupted.
     """
     try:
-        said, _ = process.communicate(timeout=patience)
+        output, _ = process.communicate(timeout=patience)
     except BaseException as error:
         os.killpg(process.pid, signal.SIGKILL)
         process.communicate()
         if not isinstance(error, subprocess.TimeoutExpired):
             raise
         return -signal.SIGKILL, f"no end within {patience:g} s"
-    return process.returncode, said
+    return process.returncode, output
 
 
 def _survivors(group: int, patience: float = 5.0) -> bool:

@@ -29,10 +29,10 @@ def show_crash(a: argparse.Namespace) -> int:
         if name not in crash.COMMANDS:
             raise NameUnknownError("long command", name, crash.COMMANDS)
     check_writable(a.out)
-    chosen, rows = a.only or list(crash.COMMANDS), []
+    selected, rows = a.only or list(crash.COMMANDS), []
     with bar("{task.completed}/{task.total} runs", "{task.fields[last]}") as progress:
-        task = progress.add_task("crash", total=len(chosen) * (a.kills + a.disks), last="")
-        for name in chosen:
+        task = progress.add_task("crash", total=len(selected) * (a.kills + a.disks), last="")
+        for name in selected:
 
             def tell(row: crash.Row) -> None:
                 progress.update(task, advance=1, last=f"{row.command}: {row.same} the same")

@@ -87,7 +87,7 @@ def schedule(
     riding = [kind for kind in able if kind not in TAKING]
     cells = [*(k for k in riding if k != "stuck"), *taking, COMPOSED]
     rest = _REST if of_the_tick else _SHORT_REST
-    at, made = _FIRST, []
+    at, injections = _FIRST, []
     for kind in [*cells, *(k for k in riding if k == "stuck")]:
         if kinds not in ("", kind):
             continue
@@ -96,9 +96,9 @@ def schedule(
             if kind == COMPOSED:  # blocking faults act first, so that the expected outcome is known
                 pair = rng.choice(able, 2, replace=False).tolist()
                 faults = tuple(sorted(pair, key=lambda k: k not in TAKING))
-            made.append(Injection(kind, faults, at))
+            injections.append(Injection(kind, faults, at))
             at += _LENGTH + int(rng.integers(*rest))
-    return made
+    return injections
 
 
 def run_topic(
@@ -161,19 +161,19 @@ def judge(
         row["repeats"] += 1
         if when is not None:
             row["hit"] += int(np.sum((when > at.start - 0.5) & (when < at.stop - 0.5)))
-        found = [(tick, tick - last) for tick, last in late if at.start <= tick < until]
+        timeouts = [(tick, tick - last) for tick, last in late if at.start <= tick < until]
         within = finite[(ticks >= at.start) & (ticks < until)]
         healthy = bool(within.all()) and not any(at.start <= t < until for t in stops)
         if at.takes(of_the_tick):
             row["taken"] += 1
-            on_time = [age for tick, age in found if tick <= at.stop and age <= SAFE_TICKS]
-            again = any(at.start < tick < until for tick in back)
+            on_time = [age for tick, age in timeouts if tick <= at.stop and age <= SAFE_TICKS]
+            resumed = any(at.start < tick < until for tick in back)
             damped = motion.is_damped(at.start + SAFE_TICKS, at.stop)
             row["damped"] += damped
-            row["safe"] += healthy and len(on_time) == len(found) == 1 and again and damped
-            row["worst"] = max([row["worst"], *(age for _, age in found)])
+            row["safe"] += healthy and len(on_time) == len(timeouts) == 1 and resumed and damped
+            row["worst"] = max([row["worst"], *(age for _, age in timeouts)])
         else:
-            row["ridden"] += healthy and not found and motion.is_driven(at.start + 1, until - 1)
+            row["ridden"] += healthy and not timeouts and motion.is_driven(at.start + 1, until - 1)
         row["fell"] += bool(upright[at.start]) and not upright[at.start : until].all()
     for row in rows.values():
         row |= {"bags": traces.bags, "whole": traces.whole}
@@ -194,9 +194,9 @@ def time_outs(bag: Bag) -> tuple[list[tuple[int, int]], list[int]]:
     late, back = [], []
     for event in bag.messages("/events"):
         if event.kind == "timeout" and (
-            found := re.search(r"no command since tick (-?\d+)", event.text)
+            match := re.search(r"no command since tick (-?\d+)", event.text)
         ):
-            late.append((event.tick, int(found[1])))
+            late.append((event.tick, int(match[1])))
         elif event.kind == "timeout":
             back.append(event.tick)
     return late, back
@@ -211,9 +211,9 @@ def _upright(bag: Bag) -> np.ndarray:
     lean = np.abs([roll_pitch_yaw(q)[:2] for q in pose])
     low = truth["pose.pose.position.z"] < limits.height
     ticks = np.round(time * _RATE).astype(int)
-    stands = np.ones(ticks[-1] + 1, dtype=bool)
-    stands[ticks] = ~(low | (lean > (limits.roll, limits.pitch)).any(axis=1))
-    return stands
+    upright = np.ones(ticks[-1] + 1, dtype=bool)
+    upright[ticks] = ~(low | (lean > (limits.roll, limits.pitch)).any(axis=1))
+    return upright
 
 
 def undamped(bag: Bag) -> list[str]:

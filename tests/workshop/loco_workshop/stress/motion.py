@@ -40,8 +40,8 @@ class Motion:
         Also False if a state is missing, or if there was no motion to brake.
         """
         rows = self._rows(first, last)
-        whole = rows.stop - rows.start == last - first + 1 > 0
-        return bool(whole and self._in[rows].sum() < PUT_IN * self._out[rows].sum())
+        complete = rows.stop - rows.start == last - first + 1 > 0
+        return bool(complete and self._in[rows].sum() < PUT_IN * self._out[rows].sum())
 
     def is_driven(self, first: int, last: int) -> bool:
         """Whether the drives supplied energy during the ticks from `first` to `last`."""

@@ -55,8 +55,8 @@ def kill_one(who: str, rng: np.random.Generator, folder: Path, traces: Traces) -
     def hit(pids: dict[str, int]) -> None:
         os.kill(pids[who], signal.SIGKILL)
 
-    said = _hit(hit, rng, folder, traces)
-    return _looked(said.startswith(f"{who} died with exit code -9"), "ended", said, folder, traces)
+    text = _hit(hit, rng, folder, traces)
+    return _looked(text.startswith(f"{who} died with exit code -9"), "ended", text, folder, traces)
 
 
 def kill_recorder_on_a_full_disk(
@@ -78,8 +78,8 @@ def kill_guard(who: str, rng: np.random.Generator, folder: Path, traces: Traces)
         for pid in _guards():
             os.kill(pid, signal.SIGKILL)
 
-    said = _hit(hit, rng, folder, traces, ends=False)
-    return _looked(not said, "ridden", said, folder, traces)
+    message = _hit(hit, rng, folder, traces, ends=False)
+    return _looked(not message, "ridden", message, folder, traces)
 
 
 def end_of_memory(who: str, rng: np.random.Generator, folder: Path, traces: Traces) -> str:
@@ -91,9 +91,9 @@ def end_of_memory(who: str, rng: np.random.Generator, folder: Path, traces: Trac
             size = pages * resource.getpagesize()
             resource.prlimit(pid, resource.RLIMIT_AS, (size, size))
 
-    said = _hit(hit, rng, folder, traces, ends=False)
-    how = "ended" if re.match(r"\w+ died with exit code", said) else "ridden"
-    return _looked(how == "ended" or not said, how, said, folder, traces)
+    message = _hit(hit, rng, folder, traces, ends=False)
+    how = "ended" if re.match(r"\w+ died with exit code", message) else "ridden"
+    return _looked(how == "ended" or not message, how, message, folder, traces)
 
 
 def clock_jump(who: str, rng: np.random.Generator, folder: Path, traces: Traces) -> str:
@@ -105,26 +105,26 @@ def clock_jump(who: str, rng: np.random.Generator, folder: Path, traces: Traces)
     """
     jump = float(rng.uniform(0.0, _JUMP)) * (1 if who == AHEAD else -1)
     try:
-        said = _hit(lambda pids: _set_clock(jump), rng, folder, traces, ends=False)
+        message = _hit(lambda pids: _set_clock(jump), rng, folder, traces, ends=False)
     finally:
         _set_clock(0.0)
     late: list[tuple[int, int]] = []
-    if not said:
+    if not message:
         bag = Bag(folder)
         late = time_outs(bag)[0]
         if late and (jump > 0 or any(tick - last > SAFE_TICKS for tick, last in late)):
-            said = f"time-outs after a jump of {jump:.0f} s: {late}"
-        elif late and (bad := undamped(bag)):
-            said = f"after a jump of {jump:.0f} s: {bad}"
+            message = f"time-outs after a jump of {jump:.0f} s: {late}"
+        elif late and (violations := undamped(bag)):
+            message = f"after a jump of {jump:.0f} s: {violations}"
         elif mute := _mute(bag):
-            said = f"silent after a jump of {jump:.0f} s: {', '.join(mute)}"
-    return _looked(not said, "safe" if late else "ridden", said, folder, traces)
+            message = f"silent after a jump of {jump:.0f} s: {', '.join(mute)}"
+    return _looked(not message, "safe" if late else "ridden", message, folder, traces)
 
 
 def _mute(bag: Bag) -> list[str]:
     """Nodes without diagnostics at the end of a run."""
-    said = zip(bag.times("/diagnostics"), bag.messages("/diagnostics"), strict=True)
-    newest = {message.status[0].name: at for at, message in said}
+    diagnostics = zip(bag.times("/diagnostics"), bag.messages("/diagnostics"), strict=True)
+    newest = {message.status[0].name: at for at, message in diagnostics}
     return sorted(name for name, at in newest.items() if bag.end - at / 1e9 > _MUTE)
 
 
@@ -200,9 +200,9 @@ def doctor_of_a_stopped(who: str, rng: np.random.Generator, folder: Path, traces
 def second_run(who: str, rng: np.random.Generator, folder: Path, traces: Traces) -> str:
     """Start a second run in the same domain; it must be refused without leftovers."""
     other = folder.with_name(f"{folder.name}_second")
-    words = ["run", EXPERIMENT, "--out", str(other)]
+    arguments = ["run", EXPERIMENT, "--out", str(other)]
     judge = _said(1, "another loco run uses ROS domain")
-    how = _visited(words, [], judge, rng, folder, traces)
+    how = _visited(arguments, [], judge, rng, folder, traces)
     if other.exists():
         traces.notes.append(f"{other.name} is there")
         return ""
@@ -267,8 +267,8 @@ def run_rough(how: str, what: str, repeats: int, seed: int, folder: Path) -> lis
             row[outcome] = row.get(outcome, 0) + 1
     row |= {"bags": traces.bags, "whole": traces.whole, "notes": traces.notes}
     row |= {"orphans": traces.orphans, "segments": traces.segments}
-    good = sum(row.get(outcome, 0) for outcome in ("ridden", "ended", "safe", "late"))
-    row["ok"] = good == repeats and traces.clean
+    passed = sum(row.get(outcome, 0) for outcome in ("ridden", "ended", "safe", "late"))
+    row["ok"] = passed == repeats and traces.clean
     return [row]
 
 
@@ -288,26 +288,26 @@ def _hit(
 
     def watch(progress: Any) -> bool:
         nonlocal due, end
-        now = time.monotonic()
+        t = time.monotonic()
         if progress.sim_time > 0.0 and not due:
-            due = now + float(rng.uniform(*_ALIVE))
-        if due and now >= due and not end:
-            end = now + (PATIENCE if ends else _GOES_ON)
+            due = t + float(rng.uniform(*_ALIVE))
+        if due and t >= due and not end:
+            end = t + (PATIENCE if ends else _GOES_ON)
             traces.opened = opened_by(progress.pids.values())
             hit(progress.pids)
-        return bool(end) and now >= end and (done() or now >= end + _VISIT)
+        return bool(end) and t >= end and (done() or t >= end + _VISIT)
 
-    said = ""
+    message = ""
     try:
         outcome = run.run_robots(
             {"": experiment.load(EXPERIMENT, LONG)}, folder, "processes", "realtime",
             on_progress=watch, stop_on_fall=False, realtime=REALTIME,
         )  # fmt: skip
         if any(outcome.exit_codes.values()):
-            said = f"exit codes {outcome.exit_codes}"
+            message = f"exit codes {outcome.exit_codes}"
     except GraphError as error:
-        said = str(error).splitlines()[0]
-    return said
+        message = str(error).splitlines()[0]
+    return message
 
 
 def _hears_interrupts() -> None:
@@ -349,39 +349,39 @@ def _visited(
         return True
 
     try:
-        said = _hit(come, rng, folder, traces, ends=False, done=gone)
+        message = _hit(come, rng, folder, traces, ends=False, done=gone)
     finally:
         while undo:
             undo.pop()()
         for visitor in visitors:
             visitor.send_signal(signal.SIGINT)
-        answers = [visitor.communicate(timeout=PATIENCE)[0] for visitor in visitors]
+        outputs = [visitor.communicate(timeout=PATIENCE)[0] for visitor in visitors]
     how = ""
-    if visitors and not said:
-        how = judge(visitors[0].returncode, answers[0])
-        said = f"exit code {visitors[0].returncode}, {' '.join(answers[0].split())[:300]}"
-    return _looked(bool(how), how, said, folder, traces)
+    if visitors and not message:
+        how = judge(visitors[0].returncode, outputs[0])
+        message = f"exit code {visitors[0].returncode}, {' '.join(outputs[0].split())[:300]}"
+    return _looked(bool(how), how, message, folder, traces)
 
 
 def _guards() -> list[int]:
-    found = []
+    pids = []
     for pid in tagged():
         try:
             command = Path(f"/proc/{pid}/cmdline").read_bytes()
         except OSError:
             continue
         if _GUARD in command:
-            found.append(pid)
-    return found
+            pids.append(pid)
+    return pids
 
 
 def _looked(good: bool, how: str, said: str, folder: Path, traces: Traces) -> str:
     """Check for leftovers; returns the outcome, "" if a requirement is not met."""
-    known = len(traces.notes)
+    n_notes = len(traces.notes)
     if not good:
         traces.notes.append(f"{folder.name}: {said or 'the run did not end'}")
     traces.look(folder, traces.opened)
-    if len(traces.notes) == known:
+    if len(traces.notes) == n_notes:
         shutil.rmtree(folder)
         shutil.rmtree(folder.with_name(f"{folder.name}_recovered"), ignore_errors=True)
     return how if good else ""

@@ -63,8 +63,8 @@ def run_signal(how: str, who: str, repeats: int, seed: int, folder: Path) -> lis
         shutil.rmtree(folder)
     row |= {"bags": traces.bags, "whole": traces.whole, "notes": traces.notes}
     row |= {"orphans": traces.orphans, "segments": traces.segments}
-    good = row["safe"] + row["ridden"]
-    row["ok"] = good == row["repeats"] == repeats and traces.clean
+    passed = row["safe"] + row["ridden"]
+    row["ok"] = passed == row["repeats"] == repeats and traces.clean
     return [row]
 
 
@@ -103,24 +103,24 @@ class Hits:
 
     def __call__(self, progress: Any) -> bool:
         """Send due signals; returns true when all are sent or the robot is stopped permanently."""
-        now, self.events = time.monotonic(), progress.events
+        t, self.events = time.monotonic(), progress.events
         if progress.sim_time < _STANDS:
             return False
         if self._wake:
-            if now >= self._wake:
+            if t >= self._wake:
                 os.kill(self._pid, signal.SIGCONT)
                 self._wake = 0.0
-                self._woken.append(now)
+                self._woken.append(t)
             return False
-        if not self._fresh(now) or progress.pids[self.who] == self._pid and self._is_kill:
+        if not self._fresh(t) or progress.pids[self.who] == self._pid and self._is_kill:
             self._due = 0.0
-            self.trouble = self._lost(now)
+            self.trouble = self._lost(t)
             return bool(self.trouble)
         if any(event.kind == "estop" for _, event in self.events):
             return True
         if not self._due:
-            self._due = now + float(self._rng.uniform(*_BETWEEN))
-        if now < self._due:
+            self._due = t + float(self._rng.uniform(*_BETWEEN))
+        if t < self._due:
             return False
         if not self.left:
             return True
@@ -142,12 +142,12 @@ class Hits:
 
     def _fresh(self, now: float) -> bool:
         """Whether commands arrive and a killed controller has restarted."""
-        said = [e for t, e in self.events if e.kind == "timeout"]
-        if said and "no command" in said[-1].text:
+        timeouts = [e for t, e in self.events if e.kind == "timeout"]
+        if timeouts and "no command" in timeouts[-1].text:
             return False
         since = self.times[-1] if self.times else 0.0
-        heard = [t for t, e in self.events if e.kind == "resumed" and t > since]
-        return not (self._is_kill and self.times) or bool(heard)
+        resumed = [t for t, e in self.events if e.kind == "resumed" and t > since]
+        return not (self._is_kill and self.times) or bool(resumed)
 
     def _lost(self, now: float) -> str:
         if not self.times or now - self.times[-1] < PATIENCE:
@@ -167,13 +167,13 @@ class Hits:
             if event.kind == "timeout"
             and (found := re.search(r"no command since tick (-?\d+)", event.text))
         ]
-        ends = [*self.times[1:], np.inf]
-        for k, (begin, end) in enumerate(zip(self.times, ends, strict=True)):
+        stops = [*self.times[1:], np.inf]
+        for k, (start, end) in enumerate(zip(self.times, stops, strict=True)):
             until = end if k >= len(self._woken) else self._woken[k] + _ECHO
-            ages = [age for t, age in late if begin < t < until]
-            good = all(age <= SAFE_TICKS for age in ages)
+            ages = [age for t, age in late if start < t < until]
+            in_time = all(age <= SAFE_TICKS for age in ages)
             row["repeats"] += 1
-            row["safe"] += good and bool(ages) and takes is not False
+            row["safe"] += in_time and bool(ages) and takes is not False
             row["ridden"] += not ages and not takes
             row["worst"] = max([row["worst"], *ages])
             row["stalls"] += len([t for t, _ in late if until <= t < end]) + max(0, len(ages) - 1)
@@ -193,7 +193,7 @@ def _run_on(hits: Hits, folder: Path, nodes: str, row: dict[str, Any], traces: T
         traces.notes.append(hits.trouble)
     bag = traces.look(folder, hits.opened)
     if bag is not None:
-        bad = undamped(bag)
-        row["safe"] = max(0, row["safe"] - len(bad))
+        violations = undamped(bag)
+        row["safe"] = max(0, row["safe"] - len(violations))
         row["damped"] = row["safe"]
-        traces.notes += bad
+        traces.notes += violations

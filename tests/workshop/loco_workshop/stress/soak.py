@@ -100,13 +100,13 @@ def soak(
         raise ParameterError(f"ticks must be at least 1000, got {ticks}")
     experiment = override(experiment, {"duration": ticks * experiment.dt})
     table.parent.mkdir(parents=True, exist_ok=True)
-    began, seen = time.monotonic(), 0.0
+    began, latest = time.monotonic(), 0.0
 
     def look(progress: Any) -> Any:
-        nonlocal seen
-        if progress.sim_time > seen:
-            seen = progress.sim_time
-            tick, wall = round(seen / experiment.dt), time.monotonic() - began
+        nonlocal latest
+        if progress.sim_time > latest:
+            latest = progress.sim_time
+            tick, wall = round(latest / experiment.dt), time.monotonic() - began
             for name, pid in {**progress.pids, "supervisor": os.getpid()}.items():
                 sample = take(pid, name, tick, wall)
                 if sample:
@@ -127,11 +127,11 @@ def soak(
 
 def read(table: Path) -> list[Sample]:
     """Samples from a CSV file written by `soak`."""
-    kinds = [{"int": int, "float": float, "str": str}[f.type] for f in fields(Sample)]
+    parsers = [{"int": int, "float": float, "str": str}[f.type] for f in fields(Sample)]
     with open(table, newline="") as file:
         rows = csv.reader(file)
         next(rows, None)
-        return [Sample(*(k(v) for k, v in zip(kinds, row, strict=True))) for row in rows]
+        return [Sample(*(k(v) for k, v in zip(parsers, row, strict=True))) for row in rows]
 
 
 def judge(samples: Iterable[Sample]) -> list[Verdict]:
@@ -157,13 +157,13 @@ def _verdict(process: str, what: str, ticks: np.ndarray, values: np.ndarray) -> 
     start, end = (float(np.median(values[block])) for block in (cut[0], cut[-1]))
     if len(cut) < BLOCKS:
         return Verdict(process, what, start, end, float("nan"), float("inf"), "not settled")
-    spread = np.sum((x - x.mean()) ** 2)
-    slope = float(np.sum((x - x.mean()) * (y - y.mean())) / spread)
+    variation = np.sum((x - x.mean()) ** 2)
+    slope = float(np.sum((x - x.mean()) * (y - y.mean())) / variation)
     rest = np.sum((y - y.mean() - slope * (x - x.mean())) ** 2)
-    error = float(np.sqrt(rest / (BLOCKS - 2) / spread) * STUDENT)
+    error = float(np.sqrt(rest / (BLOCKS - 2) / variation) * STUDENT)
     low, high = slope - error, slope + error
     if what != "memory":
-        says = "grows" if end > start else "flat"
+        trend = "grows" if end > start else "flat"
     else:
-        says = "flat" if high < LIMIT else "grows" if low > LIMIT else "not settled"
-    return Verdict(process, what, start, end, slope, error, says)
+        trend = "flat" if high < LIMIT else "grows" if low > LIMIT else "not settled"
+    return Verdict(process, what, start, end, slope, error, trend)

@@ -16,13 +16,13 @@ EVERY = 5  # ticks between two messages
 
 def said(topic: str, tick: int) -> Any:
     """Valid operator message for a tick; None for topics that nodes publish."""
-    slow = bool(tick // 250 % 2)
+    low_speed = bool(tick // 250 % 2)
     if topic == "cmd_vel":
         message = TwistStamped()
-        message.twist.linear.x = 0.2 if slow else 0.25
+        message.twist.linear.x = 0.2 if low_speed else 0.25
         return message
     return {
-        "gait_frequency": Float64(data=1.6 if slow else 1.7),
+        "gait_frequency": Float64(data=1.6 if low_speed else 1.7),
         "stance_estimator": String(data="pse"),
         "estop": Bool(data=False),
     }.get(topic)

@@ -60,16 +60,16 @@ class Traces:
             time.sleep(0.05)
         self.orphans += len(left)
         dead = {str(path) for path in shm.leftovers()}
-        forgotten = {name for name in dead if _stem(name) in opened}
-        self.segments += len(forgotten)
-        if left or forgotten:
-            self.notes.append(f"{folder.name}: left {sorted(left)} {sorted(forgotten)}")
+        orphaned = {name for name in dead if _stem(name) in opened}
+        self.segments += len(orphaned)
+        if left or orphaned:
+            self.notes.append(f"{folder.name}: left {sorted(left)} {sorted(orphaned)}")
         return self._whole(folder)
 
     def _whole(self, folder: Path) -> Bag | None:
         self.bags += 1
-        mended = folder.with_name(f"{folder.name}_recovered")
-        shutil.rmtree(mended, ignore_errors=True)
+        recovered = folder.with_name(f"{folder.name}_recovered")
+        shutil.rmtree(recovered, ignore_errors=True)
         try:
             bag = Bag(recover(folder).folder or folder)
             bag.messages("/events")
@@ -82,21 +82,21 @@ class Traces:
 
 def tagged() -> set[int]:
     """Pids of the processes of the current cell, without this process."""
-    wanted = f"{TAG}={os.environ.get(TAG, '')}".encode()
-    found = set()
+    tag = f"{TAG}={os.environ.get(TAG, '')}".encode()
+    pids = set()
     for pid in filter(str.isdigit, os.listdir("/proc")):
         try:
             environment = Path(f"/proc/{pid}/environ").read_bytes()
         except OSError:
             continue
-        if wanted in environment.split(b"\0") and int(pid) != os.getpid():
-            found.add(int(pid))
-    return found
+        if tag in environment.split(b"\0") and int(pid) != os.getpid():
+            pids.add(int(pid))
+    return pids
 
 
 def opened_by(pids: Iterable[int]) -> set[str]:
     """Names of shared-memory files that processes have open, without suffixes of locks."""
-    found = set()
+    opened = set()
     for pid in pids:
         for fd in Path(f"/proc/{pid}/fd").glob("*"):
             try:
@@ -104,8 +104,8 @@ def opened_by(pids: Iterable[int]) -> set[str]:
             except OSError:
                 continue  # closed in the meantime
             if target.startswith(f"{shm.SHM}/"):
-                found.add(_stem(target))
-    return found
+                opened.add(_stem(target))
+    return opened
 
 
 def _stem(name: str) -> str:

@@ -73,8 +73,8 @@ def _load(rng: np.random.Generator, w: Walker, x: float) -> tuple[str, dict[str,
 
 def _shifted(rng: np.random.Generator, w: Walker, x: float) -> tuple[str, dict[str, Any]]:
     about = rng.uniform(0.0, 2.0 * np.pi)
-    way = np.array([np.cos(about), np.sin(about), 0.0])
-    return w.trunk, {"link": w.trunk, "offset": (x * w.leg * way).tolist()}
+    direction = np.array([np.cos(about), np.sin(about), 0.0])
+    return w.trunk, {"link": w.trunk, "offset": (x * w.leg * direction).tolist()}
 
 
 def _rubbing(rng: np.random.Generator, w: Walker, x: float) -> tuple[str, dict[str, Any]]:
@@ -123,8 +123,8 @@ OUTSIDERS: dict[str, Kind] = {  # effects that are not in the registry
 def draw(name: str, walker: Walker, size: str, rng: np.random.Generator) -> Hidden:
     """An effect at a random place, with a random size in the part of the range for `size`."""
     kind = {**KINDS, **OUTSIDERS}[name]
-    half = rng.uniform(0.0, 0.5) + {"small": -0.5, "medium": 0.0, "large": 0.5}[size]
-    place, params = kind.draw(rng, walker, float(kind.low * (kind.high / kind.low) ** half))
+    exponent = rng.uniform(0.0, 0.5) + {"small": -0.5, "medium": 0.0, "large": 0.5}[size]
+    place, params = kind.draw(rng, walker, float(kind.low * (kind.high / kind.low) ** exponent))
     return Hidden(name, place, kind.strength, params)
 
 

@@ -162,14 +162,14 @@ class Ground:
         taus, forces = np.zeros(n), np.zeros((len(self._feet), 3))
         drag = self._effects.get("trunk_drag")
         for k in range(self._walker.steps):
-            now = self._tick * self._walker.steps + k
-            while len(self._told) > 1 and self._told[1][0] + late <= now:
+            tick = self._tick * self._walker.steps + k
+            while len(self._told) > 1 and self._told[1][0] + late <= tick:
                 self._told.popleft()
-            _, wanted, feed = self._told[0]
+            _, target, feed = self._told[0]
             q, dq = self._moving()
             swings = ~np.repeat(np.asarray(feed.stance, bool), 3)
             kp, kd = np.where(swings, self._swing, self._stand)
-            tau = kp * (wanted.q - q) + kd * (wanted.dq - dq) + feed.tau
+            tau = kp * (target.q - q) + kd * (target.dq - dq) + feed.tau
             tau = self._strong * np.clip(tau, -self._effort, self._effort)
             tau += self._teeth(q)
             taus += tau / self._walker.steps
@@ -233,8 +233,8 @@ class Ground:
         p = self._effects.get("gear_ripple")
         if not p:
             return np.zeros(len(q))
-        mine = np.array([j == p["joint"] for j in self.robot.joints])
-        return mine * p["torque"] * np.sin(p["teeth"] * q)
+        mask = np.array([j == p["joint"] for j in self.robot.joints])
+        return mask * p["torque"] * np.sin(p["teeth"] * q)
 
     def _press(self, forces: np.ndarray) -> None:
         """Add the current ground force on each foot [N]."""

@@ -65,8 +65,8 @@ def write(
     """
     walker, rng = walkers.get(name), np.random.default_rng([seed, 14])
     low, high = walker.speeds
-    slow = float(rng.uniform(low, high - APART))
-    speeds = [slow, float(rng.uniform(slow + APART, high))]
+    low_speed = float(rng.uniform(low, high - APART))
+    speeds = [low_speed, float(rng.uniform(low_speed + APART, high))]
     for bag, trot, speed in zip(("fit_trot", "hold_out"), TROT, speeds, strict=True):
         values = {
             "robot": robot, "learner.stand": STAND, "learner.train": trot,

@@ -55,8 +55,8 @@ class Walker:
     @property
     def joints(self) -> tuple[str, ...]:
         """Names of the movable joints, in the order of the URDF."""
-        found = self.tree().findall("joint")
-        return tuple(j.get("name", "") for j in found if j.get("type") != "fixed")
+        elements = self.tree().findall("joint")
+        return tuple(j.get("name", "") for j in elements if j.get("type") != "fixed")
 
     @property
     def links(self) -> tuple[str, ...]:

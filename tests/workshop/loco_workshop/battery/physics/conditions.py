@@ -46,15 +46,15 @@ def draw(seed: int) -> Condition:
     """Random condition of a case: one model in three has errors, two logs in six are clean."""
     rng = np.random.default_rng([seed, 8])
     noise = float(rng.choice([0.5, 1.0, 2.0]))
-    way = str(rng.choice(["", *WAYS]))
-    return Condition(noise, way, bool(rng.random() < OFF))
+    fault = str(rng.choice(["", *WAYS]))
+    return Condition(noise, fault, bool(rng.random() < OFF))
 
 
 def machine_of(machine: Machine, condition: Condition, seed: int) -> Machine:
     """The actual machine: with its noise, and with deviations from the model if `off` is set."""
     sensors = tuple(replace(s, noise=condition.noise * s.noise) for s in machine.sensors)
-    noisy = replace(machine, sensors=sensors, torque_noise=condition.noise * machine.torque_noise)
-    return _off(noisy, seed) if condition.off else noisy
+    varied = replace(machine, sensors=sensors, torque_noise=condition.noise * machine.torque_noise)
+    return _off(varied, seed) if condition.off else varied
 
 
 def _off(machine: Machine, seed: int) -> Machine:
@@ -95,17 +95,17 @@ def recorded(reading: Reading, condition: Condition, seed: int) -> Reading:
     rng = np.random.default_rng([seed, 10])
     rows, stamp = np.ones(len(reading.stamp), dtype=bool), reading.stamp
     if condition.way == "late":
-        most = rng.uniform(0.0, LATE)
-        stamp = np.maximum.accumulate(stamp + rng.uniform(0.0, most, len(stamp)))
+        max_delay = rng.uniform(0.0, LATE)
+        stamp = np.maximum.accumulate(stamp + rng.uniform(0.0, max_delay, len(stamp)))
     elif condition.way == "dropped":
         rows = rng.random(len(rows)) >= DROPPED
     elif condition.way == "half":
         rows = np.arange(len(rows)) % 2 == 0
-    told = np.ones(len(reading.t), dtype=bool)
+    keep = np.ones(len(reading.t), dtype=bool)
     if condition.way == "cut":
-        rows, told = stamp >= CUT, reading.t >= CUT
+        rows, keep = stamp >= CUT, reading.t >= CUT
     return replace(
-        reading, t=reading.t[told], command=reading.command[told], rate=reading.rate[told],
+        reading, t=reading.t[keep], command=reading.command[keep], rate=reading.rate[keep],
         stamp=stamp[rows], q=reading.q[rows],
         tau=None if reading.tau is None else reading.tau[rows],
     )  # fmt: skip

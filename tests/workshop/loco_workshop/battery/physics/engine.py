@@ -30,10 +30,10 @@ NO_LIMIT = 1e3  # [rad or m] in place of infinity
 
 def _compiled(name: str, *arguments: Any) -> types.ExternalFunction:
     """A function of the engine's library for calls from compiled code; pointers are integers."""
-    own = f"loco_battery_{name}"
+    symbol = f"loco_battery_{name}"
     library = ctypes.CDLL(_functions.__file__)  # extension module linked to the library
-    llvmlite.binding.add_symbol(own, ctypes.cast(library[name], ctypes.c_void_p).value)
-    return types.ExternalFunction(own, types.void(*arguments))
+    llvmlite.binding.add_symbol(symbol, ctypes.cast(library[name], ctypes.c_void_p).value)
+    return types.ExternalFunction(symbol, types.void(*arguments))
 
 
 pointer = types.intp
@@ -73,9 +73,9 @@ class Engine:
                 armature=tree.armature[i], limited=True,
                 range=np.clip((tree.lower[i], tree.upper[i]), -NO_LIMIT, NO_LIMIT),
             )  # fmt: skip
-            own = tree.inertia[i]
+            inertia = tree.inertia[i]
             body.mass, body.ipos, body.explicitinertial = tree.mass[i], tree.com[i], True
-            body.fullinertia = [*np.diag(own), own[0, 1], own[0, 2], own[1, 2]]
+            body.fullinertia = [*np.diag(inertia), inertia[0, 1], inertia[0, 2], inertia[1, 2]]
             bodies.append(body)
         self._model = spec.compile()
         m, self._data = self._model, mujoco.MjData(self._model)

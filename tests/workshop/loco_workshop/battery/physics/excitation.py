@@ -49,12 +49,12 @@ def _chirp(t: np.ndarray, m: Machine, span: float, rng: np.random.Generator) -> 
 
 def _steps(t: np.ndarray, m: Machine, span: float, rng: np.random.Generator) -> np.ndarray:
     """Jumps to random positions, each held for a random time."""
-    out, begin, place = np.zeros(len(t)), STILL + 0.2, 0.0
-    while begin < t[-1]:
+    out, start, place = np.zeros(len(t)), STILL + 0.2, 0.0
+    while start < t[-1]:
         new = rng.uniform(-0.9, 0.9) * span
         place = new if abs(new - place) > 0.3 * span else -np.sign(place or 1.0) * 0.7 * span
-        out[t >= begin] = place
-        begin += rng.uniform(0.3, 0.8)
+        out[t >= start] = place
+        start += rng.uniform(0.3, 0.8)
     return out
 
 
@@ -76,8 +76,8 @@ def _mix(t: np.ndarray, m: Machine, span: float, rng: np.random.Generator) -> np
         f = m.band[0] * (0.7 * m.band[1] / m.band[0]) ** rng.random()
         amplitude = min(0.3 * span, 0.4 * m.fast / (2.0 * np.pi * f))
         sines += amplitude * np.sin(2.0 * np.pi * f * t + rng.uniform(0.0, 2.0 * np.pi))
-    out, half, late = sines, 0.5 * t[-1], 0.7 * t[-1]
-    hold = (t >= half) & (t < late)
+    out, middle, late = sines, 0.5 * t[-1], 0.7 * t[-1]
+    hold = (t >= middle) & (t < late)
     place = rng.choice([-1.0, 1.0]) * rng.uniform(0.6, 0.8) * span
     out[hold] = place
     after = t >= late

@@ -36,12 +36,12 @@ class Hidden:
 
     def scaled(self, value: float) -> Hidden:
         """The effect with another strength and the same sign (or direction of a vector)."""
-        now = self.params[self.strength]
-        if isinstance(now, (list, tuple)):
-            length = float(np.linalg.norm(now))
-            new: Any = [float(x) / length * value for x in now]
+        nominal = self.params[self.strength]
+        if isinstance(nominal, (list, tuple)):
+            length = float(np.linalg.norm(nominal))
+            new: Any = [float(x) / length * value for x in nominal]
         else:
-            new = float(np.copysign(value, now))
+            new = float(np.copysign(value, nominal))
         return Hidden(self.effect, self.place, self.strength, {**self.params, self.strength: new})
 
     @property

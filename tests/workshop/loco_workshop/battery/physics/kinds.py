@@ -50,12 +50,12 @@ def span(m: Machine, j: int) -> float:
 
 def scale(unit: str, m: Machine, j: int) -> float:
     """Value of one unit of the bounds of a kind, for a joint of a machine."""
-    effort, way = float(m.body.effort[j]), span(m, j)
+    effort, sweep = float(m.body.effort[j]), span(m, j)
     return {
-        "plain": 1.0, "torque": effort, "span": way, "curve": 1.0 / way, "bend": 1.0 / way**2,
-        "stiffness": effort / way, "cubic": effort / way**3, "damping": effort / m.fast,
-        "drag": effort / m.fast**2, "compliance": way / effort, "slope": 1.0 / m.fast,
-        "skew": way / m.fast**2, "inertia": float(joint_inertia(m)[j]),
+        "plain": 1.0, "torque": effort, "span": sweep, "curve": 1.0 / sweep, "bend": 1.0 / sweep**2,
+        "stiffness": effort / sweep, "cubic": effort / sweep**3, "damping": effort / m.fast,
+        "drag": effort / m.fast**2, "compliance": sweep / effort, "slope": 1.0 / m.fast,
+        "skew": sweep / m.fast**2, "inertia": float(joint_inertia(m)[j]),
         "mass": float(np.max(m.body.mass)), "force": effort / reach(m),
     }[unit]  # fmt: skip
 
@@ -81,8 +81,8 @@ def _stop(rng: np.random.Generator, m: Machine, j: int) -> dict[str, Any]:
     drive = np.flatnonzero(m.driven == j)
     centre = float(m.centre[drive[0]]) - float(m.rest[j]) if len(drive) else 0.0
     side = 1.0 if (rng.random() < 0.5) == (centre >= 0.0) or centre == 0.0 else np.sign(centre)
-    edge = centre + side * span(m, j) * rng.uniform(0.4, 0.65)
-    return {"angle": float(edge), "damping": float(0.01 * scale("stiffness", m, j))}
+    angle = centre + side * span(m, j) * rng.uniform(0.4, 0.65)
+    return {"angle": float(angle), "damping": float(0.01 * scale("stiffness", m, j))}
 
 
 def _hysteresis(rng: np.random.Generator, m: Machine, j: int) -> dict[str, Any]:
@@ -110,15 +110,15 @@ def _payload(rng: np.random.Generator, m: Machine, j: int) -> dict[str, Any]:
 def _com(rng: np.random.Generator, m: Machine, j: int) -> dict[str, Any]:
     across = np.cross(m.body.axis[j], m.body.com[j])
     across = across if np.any(across) else np.array([1.0, 0.0, 0.0])
-    way = across / np.linalg.norm(across) * rng.choice([-1.0, 1.0])
+    axis = across / np.linalg.norm(across) * rng.choice([-1.0, 1.0])
     along = m.body.com[j] / max(1e-9, float(np.linalg.norm(m.body.com[j])))
-    return {"link": m.body.links[j], "offset": (way + rng.uniform(-0.5, 0.5) * along).tolist()}
+    return {"link": m.body.links[j], "offset": (axis + rng.uniform(-0.5, 0.5) * along).tolist()}
 
 
 def _push(rng: np.random.Generator, m: Machine, j: int) -> dict[str, Any]:
-    way, start = rng.uniform(-1.0, 1.0, 3) * (1.0, 0.3, 1.0), rng.uniform(0.8, 2.0)
-    way[0] += np.copysign(0.5, way[0])
-    return {"link": m.body.links[j], "point": m.body.com[j].tolist(), "force": way.tolist(),
+    force, start = rng.uniform(-1.0, 1.0, 3) * (1.0, 0.3, 1.0), rng.uniform(0.8, 2.0)
+    force[0] += np.copysign(0.5, force[0])
+    return {"link": m.body.links[j], "point": m.body.com[j].tolist(), "force": force.tolist(),
             "start": float(start), "stop": float(start + rng.uniform(0.5, 1.2))}  # fmt: skip
 
 
@@ -196,7 +196,7 @@ ALL = {**KINDS, **OUTSIDERS}
 
 def places(kind: Kind, m: Machine) -> list[int]:
     """Possible joints for a kind of effect; for body effects, the joints of these bodies."""
-    chosen = {
+    selected = {
         "whole": m.driven[:1],
         "all": range(len(m.joints)),
         "body": range(len(m.joints)),
@@ -205,16 +205,16 @@ def places(kind: Kind, m: Machine) -> list[int]:
         "sprung": m.sprung,
         "turning": [j for j in m.driven if not m.body.slides[j]],
     }[kind.among]
-    return [int(j) for j in chosen]
+    return [int(j) for j in selected]
 
 
 def draw(name: str, m: Machine, rng: np.random.Generator) -> tuple[Hidden, float, float] | None:
     """An effect at a random place, and the bounds of its strength; None without such a place."""
     kind = ALL[name]
-    chosen = places(kind, m)
-    if not chosen:
+    candidates = places(kind, m)
+    if not candidates:
         return None
-    j = int(rng.choice(chosen))
+    j = int(rng.choice(candidates))
     params = kind.draw(rng, m, j) if kind.draw else {}
     sign = -1.0 if kind.signed and rng.random() < 0.5 else 1.0
     params.setdefault(kind.strength, sign)

@@ -71,11 +71,11 @@ def weakened(tau, speed, row, hidden, j, load, t):
         load: Lost share of the supply voltage.
         t: Time [s].
     """
-    most = row[8]
+    max_torque = row[8]
     if hidden[LIMIT, j, 0] > 0.0:
-        tau = within(tau, (1.0 - hidden[LIMIT, j, 0]) * most)
+        tau = within(tau, (1.0 - hidden[LIMIT, j, 0]) * max_torque)
     if hidden[LINE, j, 0] > 0.0 and tau * speed > 0.0:
-        tau = within(tau, most * max(0.0, 1.0 - hidden[LINE, j, 0] * abs(speed)))
+        tau = within(tau, max_torque * max(0.0, 1.0 - hidden[LINE, j, 0] * abs(speed)))
     band = hidden[DEADBAND, j, 0]
     tau = 0.0 if abs(tau) <= band else tau - np.copysign(band, tau)
     tau *= max(0.0, 1.0 - load)
@@ -96,11 +96,11 @@ def gear(row, lead, closing, play):
         play: Total backlash of the gear [rad].
     """
     if play > 0.0:
-        half = 0.5 * play
-        if abs(lead) <= half:
+        half_play = 0.5 * play
+        if abs(lead) <= half_play:
             return 0.0
         side = 1.0 if lead > 0.0 else -1.0
-        push = row[6] * (abs(lead) - half) + row[7] * side * closing
+        push = row[6] * (abs(lead) - half_play) + row[7] * side * closing
         return side * max(0.0, push)  # tooth flanks cannot pull
     return row[6] * lead + row[7] * closing
 
@@ -131,11 +131,11 @@ def elastic(state, j, row, rest, hidden):
     q, v = state[Q, j], state[V, j]
     tau = -row[2] * v
     if row[0] > 0.0:
-        own = (1.0 + hidden[SPRING_ERROR, j, 0]) * spring(row, q - hidden[SPRING_ERROR, j, 2])
+        torque = (1.0 + hidden[SPRING_ERROR, j, 0]) * spring(row, q - hidden[SPRING_ERROR, j, 2])
         lost, level = hidden[SATURATION, j, 0], hidden[SATURATION, j, 1]
-        if lost > 0.0 and abs(own) > level:
-            own = np.sign(own) * (level + (1.0 - lost) * (abs(own) - level))
-        tau += own
+        if lost > 0.0 and abs(torque) > level:
+            torque = np.sign(torque) * (level + (1.0 - lost) * (abs(torque) - level))
+        tau += torque
     x = q - rest
     tau -= hidden[STIFFNESS, j, 0] * (x - hidden[STIFFNESS, j, 1])
     tau -= hidden[STIFFNESS, j, 2] * x**3
@@ -169,10 +169,10 @@ def strange(state, j, hidden):
         lead, closing = state[LOOSE, j] - q, state[LOOSE_V, j] - v
         tau += hidden[ABSORBER, j, 0] * lead + hidden[ABSORBER, j, 1] * closing
     if hidden[RUBBER, j, 0] != 0.0:
-        way = 0.0
+        strain = 0.0
         for k in range(3):
-            way += state[RUBBER_A + k, j] * (1.0, 2.0, 4.0)[k] / 7.0
-        tau -= hidden[RUBBER, j, 0] * (way + hidden[RUBBER, j, 2] * np.tanh(way) ** 3)
+            strain += state[RUBBER_A + k, j] * (1.0, 2.0, 4.0)[k] / 7.0
+        tau -= hidden[RUBBER, j, 0] * (strain + hidden[RUBBER, j, 2] * np.tanh(strain) ** 3)
     return tau
 
 
@@ -191,8 +191,8 @@ def memories(state, rate, j, hidden):
     if hidden[RUBBER, j, 0] != 0.0:
         for k in range(3):  # a small, a medium and a large stroke
             stroke = hidden[RUBBER, j, 1] * (0.3, 1.0, 4.0)[k]
-            bent = state[RUBBER_A + k, j]
-            rate[RUBBER_A + k, j] = (v - abs(v) * bent * abs(bent)) / stroke
+            deflection = state[RUBBER_A + k, j]
+            rate[RUBBER_A + k, j] = (v - abs(v) * deflection * abs(deflection)) / stroke
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)

@@ -190,7 +190,7 @@ def tigrillo() -> Machine:
     shanks = [f"{leg}_lower_leg" for leg in HALL]
     for shank in shanks:
         body.add_point(shank, WEIGHT, FOOT)
-    known = tuple(
+    measured = tuple(
         {"name": "payload", "link": shank, "mass": WEIGHT, "position": list(FOOT)}
         for shank in shanks
     )
@@ -205,7 +205,7 @@ def tigrillo() -> Machine:
     return Machine(
         "tigrillo", body, 100.0, _servo(8, hips), springs, np.array([-0.5, 1.0] * 4),
         np.array([-0.5, slack] * 4), tuple(sensors), np.full(4, 0.3), np.full(4, 0.6), 9.0,
-        (0.3, 3.0), overrides={"fixed_base": True, "height": 1.0}, known=known,
+        (0.3, 3.0), overrides={"fixed_base": True, "height": 1.0}, known=measured,
         steps=160, quick=40,
     )  # fmt: skip
 

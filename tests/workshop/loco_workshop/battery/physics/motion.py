@@ -117,7 +117,7 @@ def simulate(
     settle, steps, dt, every = times
     n, ticks = len(start), len(command)
     total = ticks * steps
-    seen, speed = np.zeros((total // every + 1, n)), np.zeros((total // every + 1, n))
+    positions, speed = np.zeros((total // every + 1, n)), np.zeros((total // every + 1, n))
     torque, summed = np.zeros((ticks, n)), np.zeros(n)
     memory = _memory(n, start)
     engine.q[:] = start
@@ -125,9 +125,9 @@ def simulate(
     link = max(0, int(outside[0]))
     body = Body(engine.bodies[link], engine.places, engine.turns)
     _run(packed, command, hidden, outside, (*times, total), memory, port, body, engine.pointers,
-         seen, speed, torque, summed)  # fmt: skip
+         positions, speed, torque, summed)  # fmt: skip
     torque[0] = torque[1] if ticks > 1 else memory.drive
-    return seen, speed, torque
+    return positions, speed, torque
 
 
 @njit(cache=True, error_model="numpy")
@@ -220,9 +220,9 @@ def torques(packed, hidden, memory, port, command, step, dt):
             target[k, j] = command[k, j]
         target[0, j] += hidden[OFFSET, j, 0]
         soft = hidden[SERIES, j, 0] > 0.0
-        seen = state[MOTOR, j] if soft else state[Q, j]
+        position = state[MOTOR, j] if soft else state[Q, j]
         if drives[j, 0] == SERVO:
-            error = _rounded(target[0, j], drives[j, 4]) - _rounded(seen, drives[j, 4])
+            error = _rounded(target[0, j], drives[j, 4]) - _rounded(position, drives[j, 4])
             memory.held[j] = drives[j, 1] * laws.within(drives[j, 3] * error, 1.0)
     _hold_late(state, target, packed, hidden, memory.held, memory.line, step, dt)
     for j in range(n):
@@ -288,30 +288,30 @@ def _hold_late(state, target, machine, hidden, held, line, step, dt):
         if delay <= 0.0 or drives[j, 0] == SERVO or drives[j, 0] == FREE:
             continue
         soft = hidden[SERIES, j, 0] > 0.0
-        seen = state[MOTOR, j] if soft else state[Q, j]
+        position = state[MOTOR, j] if soft else state[Q, j]
         speed = state[MOTOR_V, j] if soft else state[V, j]
-        line[step % LINE, j] = laws.wanted(drives[j], target[:, j], seen, speed)
-        whole = int(delay / dt)
-        part = delay / dt - whole
-        due, before = line[(step - whole) % LINE, j], line[(step - whole - 1) % LINE, j]
+        line[step % LINE, j] = laws.wanted(drives[j], target[:, j], position, speed)
+        delay_steps = int(delay / dt)
+        part = delay / dt - delay_steps
+        due, before = line[(step - delay_steps) % LINE, j], line[(step - delay_steps - 1) % LINE, j]
         held[j] = (1.0 - part) * due + part * before
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)
 def _in_play(gap, j, want, v, row, dt):
     """1 if the motor touches a flank of its backlash, 0 if it moves freely in it."""
-    half = 0.5 * row[0]
+    half_play = 0.5 * row[0]
     if gap[2, j] == 0.0:
         gap[2, j], gap[1, j] = 1.0, v
-        gap[0, j] = half if want > 0.0 else -half
-    pushes = (gap[0, j] >= half and want > 0.0) or (gap[0, j] <= -half and want < 0.0)
+        gap[0, j] = half_play if want > 0.0 else -half_play
+    pushes = (gap[0, j] >= half_play and want > 0.0) or (gap[0, j] <= -half_play and want < 0.0)
     if pushes:
         gap[1, j] = v
         return 1.0
     gap[0, j] += dt * (gap[1, j] - v) + 0.5 * dt * dt * want / row[1]
     gap[1, j] += dt * want / row[1]
-    if abs(gap[0, j]) >= half:
-        gap[0, j] = half if gap[0, j] > 0.0 else -half
+    if abs(gap[0, j]) >= half_play:
+        gap[0, j] = half_play if gap[0, j] > 0.0 else -half_play
         gap[1, j] = v
     return 0.0
 
@@ -321,12 +321,12 @@ def _asked(state, j, target, machine, hidden, held, load, t):
     """Torque of a drive other than a servo [N·m]."""
     drives = machine.drives
     soft = hidden[SERIES, j, 0] > 0.0
-    seen = state[MOTOR, j] if soft else state[Q, j]
+    position = state[MOTOR, j] if soft else state[Q, j]
     speed = state[MOTOR_V, j] if soft else state[V, j]
     if hidden[ACTUATION_DELAY, j, 0] > 0.0:
         tau = held[j]
     else:
-        tau = laws.wanted(drives[j], target[:, j], seen, speed)
+        tau = laws.wanted(drives[j], target[:, j], position, speed)
     return laws.weakened(tau, speed, drives[j], hidden, j, load, t)
 
 
@@ -357,13 +357,13 @@ def _drive(j, machine, hidden, memory, load, t, dt):
     if row[0] == FREE:
         return 0.0
     soft = hidden[SERIES, j, 0] > 0.0
-    seen = state[MOTOR, j] if soft else state[Q, j]
+    position = state[MOTOR, j] if soft else state[Q, j]
     speed = state[MOTOR_V, j] if soft else state[V, j]
     if row[0] == SERVO:
         motor = laws.within(held[j] - row[2] * state[ROTOR_V, j], row[8])
         motor = laws.weakened(motor, state[ROTOR_V, j], row, hidden, j, load, t)
         play = laws.play_of(hidden, j, row[0])
-        tau = laws.gear(row, state[ROTOR, j] - seen, state[ROTOR_V, j] - speed, play)
+        tau = laws.gear(row, state[ROTOR, j] - position, state[ROTOR_V, j] - speed, play)
         rate[ROTOR, j], rate[ROTOR_V, j] = state[ROTOR_V, j], (motor - tau) / row[5]
     else:
         tau = _asked(state, j, target, machine, hidden, held, load, t)

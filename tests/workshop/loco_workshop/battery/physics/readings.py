@@ -41,10 +41,10 @@ def joints(
     for j, name in enumerate(machine.joints):
         curve = CubicHermiteSpline(t, seen[:, j], speed[:, j])
         q, v = curve(when), np.interp(when, t, speed[:, j])
-        here = [e for e in effects if fnmatchcase(name, e.place or "*")]
-        q = _bent(q, v, here, machine.rest[j])
+        local = [e for e in effects if fnmatchcase(name, e.place or "*")]
+        q = _bent(q, v, local, machine.rest[j])
         out[:, j] = _read(q, machine.sensors[j], rng)
-        for e in here:
+        for e in local:
             if e.effect == "quantisation":
                 out[:, j] = e.params["step"] * np.round(out[:, j] / e.params["step"])
     return out

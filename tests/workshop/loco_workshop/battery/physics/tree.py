@@ -104,9 +104,9 @@ def read(path: str | Path, joints: Sequence[str]) -> Tree:
 
 def _sorted(names: list[str], up: dict) -> list[str]:
     """The names unchanged, after a check that parents precede their children."""
-    known = [j.get("name") for j in up.values()]
-    if strange := [name for name in names if name not in known]:
-        raise KeyError(f"no joint {strange[0]} in the URDF; it has {', '.join(known)}")
+    in_tree = [j.get("name") for j in up.values()]
+    if strange := [name for name in names if name not in in_tree]:
+        raise KeyError(f"no joint {strange[0]} in the URDF; it has {', '.join(in_tree)}")
     return names
 
 
@@ -127,14 +127,14 @@ def _carrier(link: str, up: dict, heads: list[str], turn: np.ndarray, place: np.
 def _weight(body: ET.Element, turn: np.ndarray, at: np.ndarray) -> tuple:
     mass = float(body.find("mass").get("value"))
     i = {k: float(v) for k, v in body.find("inertia").attrib.items()}
-    own = np.array(
+    tensor = np.array(
         [
             [i["ixx"], i["ixy"], i["ixz"]],
             [i["ixy"], i["iyy"], i["iyz"]],
             [i["ixz"], i["iyz"], i["izz"]],
         ]
     )
-    return mass, at, turn @ own @ turn.T
+    return mass, at, turn @ tensor @ turn.T
 
 
 def _join(tree: Tree, i: int, mass: float, at: np.ndarray, inertia: np.ndarray) -> None:
