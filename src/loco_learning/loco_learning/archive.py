@@ -110,10 +110,10 @@ def read(path: str | Path, *kinds: str) -> tuple[dict[str, Any], dict[str, np.nd
     meta = parse_json(str(arrays.pop("meta", "")), path)
     if not isinstance(meta, dict):
         raise ParameterError(f"{path} is not a {kind} file of loco (its meta is no mapping)")
-    found = (meta.get("kind"), meta.pop("format", None))
-    if found not in [(kind, FORMATS[kind][0]) for kind in kinds]:
+    stored = (meta.get("kind"), meta.pop("format", None))
+    if stored not in [(kind, FORMATS[kind][0]) for kind in kinds]:
         raise ParameterError(
-            f"{path} is a {str(found[0])[:40]} file of format {shown(found[1])}; "
+            f"{path} is a {str(stored[0])[:40]} file of format {shown(stored[1])}; "
             f"wanted is a {kind} file of format {FORMATS[kind][0]}"
         )
     check_file(meta, FORMATS[meta["kind"]][1], path)

@@ -48,7 +48,7 @@ def _canvas(rows: int, columns: int, height: float, **kwargs: object) -> tuple[F
 @figure
 def convergence(result: Result) -> Figure:
     """Smallest error so far over the generations, one line per seed, as figure 5.2b."""
-    made, ((ax,),) = _canvas(1, 1, 3.0)
+    fig, ((ax,),) = _canvas(1, 1, 3.0)
     for fit in result.fits:
         count = [0, *(g.index for g in fit.history)]
         best = fit.curve
@@ -61,16 +61,16 @@ def convergence(result: Result) -> Figure:
                 textcoords="offset points", ha="right", color=DEFAULT["color"])  # fmt: skip
     ax.set(xlabel="generation", ylabel=f"windowed error ({result.loss}) [{UNITS[result.loss]}]")
     ax.set(yscale="log", ylim=(0.8 * min(fit.error for fit in result.fits), 1.4 * before))
-    made.legend(loc="outside upper left", ncols=len(result.fits) + 1,
+    fig.legend(loc="outside upper left", ncols=len(result.fits) + 1,
                 title="dots: 95 % of the way down")  # fmt: skip
-    return made
+    return fig
 
 
 @figure
 def periods(result: Result) -> Figure:
     """Average period of every passive joint for every recording, as figure 5.4."""
     rows, joints = result.comparisons, result.joints
-    made, axes = _canvas(len(rows), len(joints), 0.6 + 1.75 * len(rows), sharey="row", sharex="row")
+    fig, axes = _canvas(len(rows), len(joints), 0.6 + 1.75 * len(rows), sharey="row", sharex="row")
     for columns, row in zip(axes, rows, strict=True):
         for j, (ax, joint) in enumerate(zip(columns, joints, strict=True)):
             _draw(ax, row, j)
@@ -82,8 +82,8 @@ def periods(result: Result) -> Figure:
     handles, labels = axes[0, 0].get_legend_handles_labels()
     what = "surrogate robot" if result.surrogate else "robot"
     labels = [what if text == "robot" else f"{text} model" for text in labels]
-    made.legend(handles, labels, loc="outside upper left", ncols=3)
-    return made
+    fig.legend(handles, labels, loc="outside upper left", ncols=3)
+    return fig
 
 
 def _short(name: str) -> str:

@@ -195,9 +195,9 @@ def replay(model: Model, commands: Commands, seed: int = 0) -> Replay:
 
 def _make_commands(robot: Robot, commands: Commands) -> Orders:
     """Commands of all joints."""
-    orders = JointCommands(robot).orders(commands.q, commands.dq)
+    targets = JointCommands(robot).orders(commands.q, commands.dq)
     if commands.torque is not None:
-        orders = orders._replace(tau=np.asarray(commands.torque, dtype=float))
+        targets = targets._replace(tau=np.asarray(commands.torque, dtype=float))
     if commands.stance is not None:
-        orders = orders._replace(stance=np.asarray(commands.stance, dtype=bool))
-    return orders
+        targets = targets._replace(stance=np.asarray(commands.stance, dtype=bool))
+    return targets

@@ -170,13 +170,13 @@ def limits(frame: Frame, horizontal: bool) -> tuple[float, float]:
         return axis.limits
     if axis.names:
         return -0.5, len(axis.names) - 0.5
-    found = [
+    arrays = [
         array(values)
         for each in frame.layers
         for values in ((each.x, each.right) if horizontal else (each.y, each.top))
         if values is not None
     ]
-    values = np.concatenate([*found, np.zeros(0)])
+    values = np.concatenate([*arrays, np.zeros(0)])
     values = values[np.isfinite(values) & ((values > 0.0) | (not axis.logarithmic))]
     if not len(values):
         return (1.0, 10.0) if axis.logarithmic else (0.0, 1.0)

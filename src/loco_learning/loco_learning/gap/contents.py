@@ -66,7 +66,7 @@ def contents(
     """
     decision = judged.decision
     after = judged.after
-    told = decision.verdict != NO_GAP
+    with_gap = decision.verdict != NO_GAP
     warnings = [f"{r.name}: {warning}" for r in case.records for warning in r.warnings]
     reading = doubts(case.records)
     return plain(
@@ -75,11 +75,11 @@ def contents(
             "verdict": decision.verdict,
             "evidence": decision.evidence,
             "names": list(decision.names),
-            "terms": in_metres(terms(judged), case.forward.channels) if told else [],
-            "rivals": rivals(judged) if told else [],
+            "terms": in_metres(terms(judged), case.forward.channels) if with_gap else [],
+            "rivals": rivals(judged) if with_gap else [],
             "over_settings": [row.plain for row in judged.over_settings],
             "ambiguous": [list(group) for group in decision.ambiguous],
-            "kinds": kinds_of(judged) if told else [],
+            "kinds": kinds_of(judged) if with_gap else [],
             "gap": gap(case, judged.given, after),
             "alarms": [*judged.alarms, *warnings],
             "align": [f"{r.name}: {note}" for r in case.records for note in r.notes],
@@ -90,7 +90,7 @@ def contents(
                 *rounding.notes(case.records, case.forward.robot()),
             ],
             "pieces": case.forward.params.ground,
-            "not_tried": [{"effect": name, "reason": why} for name, why in not_tried],
+            "not_tried": [{"effect": name, "reason": reason} for name, reason in not_tried],
             "compared": case.forward.how,
             "nuisance": {**after.overrides, **after.loose},
             "settings": to_dict(params),
@@ -141,22 +141,22 @@ def details(
         params: Settings.
         each: Runs functions of the case in parallel, in any number of processes.
     """
-    verdict, found = judged.decision.verdict, []
+    verdict, items = judged.decision.verdict, []
     if verdict != NO_GAP:
-        found += [
+        items += [
             Detail("where", "locating the gap", lambda notes: where(case, judged, params.seed)),
             Detail("regions", "locating the gap", lambda notes: regions_of(case, judged.given)),
             Detail("identifiability", "asking what can be told apart",
                    lambda notes: told_apart(case, judged)),
         ]  # fmt: skip
     if verdict == UNKNOWN:
-        found.append(
+        items.append(
             Detail("correction", "fitting a correction", lambda notes: fallback(case, judged.base))
         )
     if verdict in (UNKNOWN, MORE) and params.residual:
-        found.append(Detail("residual", "fitting a learned correction",
+        items.append(Detail("residual", "fitting a learned correction",
                             lambda notes: learned(case, judged, params.seed, each)))  # fmt: skip
-    return [*found, Detail("next", "looking for the next experiment",
+    return [*items, Detail("next", "looking for the next experiment",
                            lambda notes: following(model, case, judged, notes))]  # fmt: skip
 
 
@@ -167,11 +167,11 @@ def add(result: Mapping[str, Any], detail: Detail) -> dict[str, Any]:
     """
     notes: list[str] = []
     try:
-        made = {detail.key: plain(detail.make(notes))}
+        entry = {detail.key: plain(detail.make(notes))}
     except Exception as error:
         log.exception("%s failed", detail.stage)
-        made, notes = {}, [f"{detail.stage} failed: {error}"]
-    return {**result, **made, "notes": [*result["notes"], *notes]}
+        entry, notes = {}, [f"{detail.stage} failed: {error}"]
+    return {**result, **entry, "notes": [*result["notes"], *notes]}
 
 
 def in_metres(terms: Sequence[Mapping[str, Any]], channels: Sequence[Channel]) -> list[dict]:
@@ -192,7 +192,7 @@ def _in_metres(parameter: Mapping[str, Any]) -> dict[str, Any]:
 def terms(judged: Judged) -> list[dict[str, Any]]:
     """Effects of the selected model with their evidence."""
     pairs = zip(judged.candidates, judged.decision.rulings, strict=True)
-    return [_term(candidate, ruling) for candidate, ruling in pairs]
+    return [_term(candidate, assessment) for candidate, assessment in pairs]
 
 
 def _term(candidate: Candidate, ruling: Ruling) -> dict[str, Any]:
@@ -216,21 +216,21 @@ def _term(candidate: Candidate, ruling: Ruling) -> dict[str, Any]:
 def kinds_of(judged: Judged) -> list[dict[str, Any]]:
     """Kinds of effects that the data establish although they do not establish the law."""
     pairs = zip(judged.candidates, judged.decision.rulings, strict=True)
-    found = [kinds.shared(candidate, ruling) for candidate, ruling in pairs]
-    return [asdict(one) for one in found if one]
+    rows = [kinds.shared(candidate, assessment) for candidate, assessment in pairs]
+    return [asdict(one) for one in rows if one]
 
 
 def told_apart(case: Case, judged: Judged) -> dict[str, Any]:
     """Identifiability of the parameters, of refitted nominal values and of the torque scale."""
-    found = identifiability(judged.identifiability) | left_out(judged)
+    result = identifiability(judged.identifiability) | left_out(judged)
     if judged.decision.verdict in (NAMED, MORE, AMBIGUOUS):
-        found["scale_of_the_torque"] = scale.words(case, judged.best)
-    return found
+        result["scale_of_the_torque"] = scale.words(case, judged.best)
+    return result
 
 
 def left_out(judged: Judged) -> dict[str, Any]:
     """Effects that were excluded because refitted nominal values have the same influence."""
-    there = {(h.effect, h.place) for h, _ in judged.best.parts}
+    present = {(h.effect, h.place) for h, _ in judged.best.parts}
     rows = [
         {
             "effect": effect,
@@ -243,7 +243,7 @@ def left_out(judged: Judged) -> dict[str, Any]:
         for one in judged.left_out
         for effect, place, cosine in one.effects
         for name in one.values
-        if (effect, place) not in there
+        if (effect, place) not in present
     ]
     return {"cannot_be_told_from_free_values": rows} if rows else {}
 
@@ -300,8 +300,8 @@ def gap(case: Case, before: Fitted, after: Fitted) -> dict[str, Any]:
 def where(case: Case, judged: Judged, seed: int) -> list[dict[str, Any]]:
     """Cells (joint, signal, phase, frequency band) with most of the gap before the search."""
     rng = np.random.default_rng([seed, WHERE])
-    found = localise(case.records, case.forward.channels, judged.given.whole, rng)
-    return [asdict(cell) for cell in found.cells[: min(found.main, MOST_CELLS)]]
+    result = localise(case.records, case.forward.channels, judged.given.whole, rng)
+    return [asdict(cell) for cell in result.cells[: min(result.main, MOST_CELLS)]]
 
 
 def regions_of(case: Case, before: Fitted) -> list[str]:
@@ -313,11 +313,11 @@ def fallback(case: Case, before: Fitted) -> dict[str, Any] | None:
     """Correction of a gap that no effect explains, fitted to the rows that are not held out."""
     rows = [np.where(r[:, None], 1.0, np.nan) for r in case.fit_rows]
     left = [-r * case.floor * keep for r, keep in zip(before.whole, rows, strict=True)]
-    found = correction.fit(case.records, case.forward.channels, left, case.floor)
+    result = correction.fit(case.records, case.forward.channels, left, case.floor)
     return (
         None
-        if found is None
-        else {**asdict(found), "channels": [asdict(c) for c in found.channels]}
+        if result is None
+        else {**asdict(result), "channels": [asdict(c) for c in result.channels]}
     )
 
 
@@ -330,16 +330,16 @@ def learned(case: Case, judged: Judged, seed: int, each: residual.Each) -> dict[
         seed: Seed of the resampling.
         each: Runs functions of the case in parallel, in any number of processes.
     """
-    found = residual.fit(case, judged.after, each)
-    if found is None:
+    result = residual.fit(case, judged.after, each)
+    if result is None:
         return {"kind": correction.KIND, "used": False, "effects": [], "says": NOT_LEARNED}
-    over = evidence.compare(found.after, found.before, np.random.default_rng([seed, LEARNED]))
-    closed = evidence.closed_by(found.before.residuals, found.after.residuals)
-    before, after = found.before.rms, found.after.rms
+    over = evidence.compare(result.after, result.before, np.random.default_rng([seed, LEARNED]))
+    closed = evidence.closed_by(result.before.residuals, result.after.residuals)
+    before, after = result.before.rms, result.after.rms
     against = lacks(Candidate("learned_residual", "", (), over, closed, worse=before / after))
-    few, count = ", ".join(found.joints), len(found.joints)
-    where = few if count <= FEW_JOINTS else f"{count} joints"
-    said = (
+    names, count = ", ".join(result.joints), len(result.joints)
+    where = names if count <= FEW_JOINTS else f"{count} joints"
+    text = (
         f"A learned correction of the torque in {where} closes {closed:.0%} of the rms above noise "
         f"on held-out data: {before:.3g} noise floors without it, {after:.3g} with it. It "
         "explains nothing."
@@ -347,9 +347,9 @@ def learned(case: Case, judged: Judged, seed: int, each: residual.Each) -> dict[
     return {
         "kind": correction.KIND,
         "used": not against,
-        "effects": [] if against else found.effects,
-        "joints": list(found.joints),
-        "explained": found.explained,
+        "effects": [] if against else result.effects,
+        "joints": list(result.joints),
+        "explained": result.explained,
         "before": before,
         "after": after,
         "closed": closed,
@@ -357,12 +357,12 @@ def learned(case: Case, judged: Judged, seed: int, each: residual.Each) -> dict[
         "records": [
             {
                 "name": case.records[i].name,
-                "before": evidence.rms([found.before.residuals[i]]),
-                "after": evidence.rms([found.after.residuals[i]]),
+                "before": evidence.rms([result.before.residuals[i]]),
+                "after": evidence.rms([result.after.residuals[i]]),
             }
             for i in case.judging
         ],
-        "says": said if not against else f"A learned correction is left out: {'; '.join(against)}.",
+        "says": text if not against else f"A learned correction is left out: {'; '.join(against)}.",
     }
 
 

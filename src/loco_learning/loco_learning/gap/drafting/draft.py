@@ -99,11 +99,11 @@ def written(
             f"{file}: no name says what is measured or commanded; it has "
             f"{', '.join(names) or 'nothing'}. Write a mapping by hand (docs/gap_import.md)"
         )
-    others = [line for line in lines if line not in first.values()]
+    rest = [line for line in lines if line not in first.values()]
     used = {line.column for line in lines} | {line.topic for line in lines}
     text = [f"# Drafted from {file}: look at each line, above all at joints, units and signs.",
             *head, "columns:", *(line.text for line in first.values())]  # fmt: skip
-    text += [f"# The same again, left out: {line.text.strip(' -')}" for line in others]
+    text += [f"# The same again, left out: {line.text.strip(' -')}" for line in rest]
     left = [name for name in names if name not in used]
     text += [f"# Not used: {', '.join(left)}"] if left else []
     return "\n".join([*text, *(f"# Missing: {what}" for what in missing(first, joints))]) + "\n"
@@ -111,61 +111,61 @@ def written(
 
 def missing(found: Mapping[tuple[str, str], Line], joints: Sequence[str]) -> list[str]:
     """Roles that a search needs and no line provides, in words."""
-    wanted = joints or sorted({joint for _, joint in found})
-    lacks = [f"q of {joint}" for joint in wanted if ("q", joint) not in found]
-    told = {joint for role, joint in found if role.startswith("command_")}
-    return lacks + [f"a command of {joint}" for joint in wanted if joint not in told]
+    required = joints or sorted({joint for _, joint in found})
+    absent = [f"q of {joint}" for joint in required if ("q", joint) not in found]
+    commanded = {joint for role, joint in found if role.startswith("command_")}
+    return absent + [f"a command of {joint}" for joint in required if joint not in commanded]
 
 
 def _column(name: str, values: np.ndarray, joints: Sequence[str]) -> list[Line]:
-    said = words.guess(name, joints)
-    joint, why = said.joint, said.why
+    guess = words.guess(name, joints)
+    joint, comment = guess.joint, guess.why
     stem, bracket, index = name.partition("[")
     number = index.rstrip("]")
     if not joint and bracket and number.isdigit():
         row = int(number)
         joint = joints[row] if row < len(joints) else "" if joints else f"joint_{row}"
-        why += f", number {row} of the joints: in this order?"
+        comment += f", number {row} of the joints: in this order?"
     if not joint and len(joints) == 1:
-        joint, why = joints[0], f"{why}, the only joint"
-    if not said.role or not joint:
+        joint, comment = joints[0], f"{comment}, the only joint"
+    if not guess.role or not joint:
         return []
-    unit, reason = _unit(said.role, said.unit, values)
+    unit, reason = _unit(guess.role, guess.unit, values)
     scaled = units.dimension(unit) in ("current", "counts") if unit else False
     reason += "; scale: N·m per A, from the data sheet" if scaled else ""
-    return [Line(name, said.role, joint, why + reason, unit, scale="1.0" if scaled else "")]
+    return [Line(name, guess.role, joint, comment + reason, unit, scale="1.0" if scaled else "")]
 
 
 def _unit(role: str, unit: str, values: np.ndarray) -> tuple[str, str]:
     """Unit of a column, and the reason for it in words."""
     if unit:
         return unit, f"; {unit} by its name"
-    known = values[np.isfinite(values)]
-    most = float(np.max(np.abs(known), initial=0.0))
-    if role in ("q", "command_position") and most > TURNING:
-        return "deg", f"; deg, as it reaches {most:.4g}: rev, counts?"
+    finite = values[np.isfinite(values)]
+    peak = float(np.max(np.abs(finite), initial=0.0))
+    if role in ("q", "command_position") and peak > TURNING:
+        return "deg", f"; deg, as it reaches {peak:.4g}: rev, counts?"
     return "", ""
 
 
 def _time(columns: Mapping[str, np.ndarray]) -> tuple[str, list[str]]:
     """Name of the time column, empty if there is none, and its lines of the mapping."""
     for name, values in columns.items():
-        unit, known = words.time_unit(name), values[np.isfinite(values)]
-        if unit is None or len(known) < 3 or np.mean(np.diff(known) >= 0.0) < 0.9:
+        unit, finite = words.time_unit(name), values[np.isfinite(values)]
+        if unit is None or len(finite) < 3 or np.mean(np.diff(finite) >= 0.0) < 0.9:
             continue
-        step = float(np.median(np.diff(known)))
+        step = float(np.median(np.diff(finite)))
         fits = [u for u in ("s", "ms", "us", "ns")
                 if step > 0.0 and RATES[0] <= 1.0 / (step * units.factor(u)) <= RATES[1]]  # fmt: skip
-        chosen = unit or (fits or ["s"])[0]
-        rate = 1.0 / (step * units.factor(chosen)) if step > 0.0 else 0.0
-        why = f"rises by {step:.6g}, {rate:.4g} Hz"
-        return name, [f"time: {{column: {_quoted(name)}, unit: {chosen}}}  # {why}"]
+        symbol = unit or (fits or ["s"])[0]
+        rate = 1.0 / (step * units.factor(symbol)) if step > 0.0 else 0.0
+        comment = f"rises by {step:.6g}, {rate:.4g} Hz"
+        return name, [f"time: {{column: {_quoted(name)}, unit: {symbol}}}  # {comment}"]
     return "", ["time: {rate: 100}  # no column of times: say the rate of the log in Hz"]
 
 
 def _quoted(text: str) -> str:
     """Text in quotation marks where YAML would otherwise read it as another type."""
-    plain = text.replace("_", "a").isalnum() and not text[:1].isdigit()
+    simple = text.replace("_", "a").isalnum() and not text[:1].isdigit()
     reserved = text.lower() in ("y", "n", "yes", "no", "on", "off", "true", "false", "null")
     escaped = text.replace("\\", "\\\\").replace('"', '\\"')
-    return text if plain and not reserved else f'"{escaped}"'
+    return text if simple and not reserved else f'"{escaped}"'

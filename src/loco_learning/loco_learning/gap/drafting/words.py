@@ -51,7 +51,7 @@ class Guess:
 
 def words(name: str) -> list[str]:
     """Words of a name in lower case: arm, knee, pos, deg for ``/arm/kneePos_deg``."""
-    return [word.lower() for word in _SPLIT.findall(name)]
+    return [token.lower() for token in _SPLIT.findall(name)]
 
 
 def guess(name: str, joints: Sequence[str] = ()) -> Guess:
@@ -62,8 +62,8 @@ def guess(name: str, joints: Sequence[str] = ()) -> Guess:
         joints: Joint names of the robot; if empty, unexplained words of the name are the joint.
     """
     joint = joint_in(name, joints)
-    own = words(joint) if joint else []
-    rest = _without(words(name), own)
+    joint_tokens = words(joint) if joint else []
+    rest = _without(words(name), joint_tokens)
     commanded = next((w for w in rest if w in COMMANDS), "")
     of = next((w for w in reversed(rest) if w in _OF_WORD), "")
     unit = next((UNITS[w] for w in rest if w in UNITS), "")
@@ -73,24 +73,24 @@ def guess(name: str, joints: Sequence[str] = ()) -> Guess:
     role = f"command_{'torque' if kind == 'current' else kind}" if commanded else ROLES[kind]
     unit = unit or ("A" if kind == "current" else "")
     if not joint and not joints:
-        said = {commanded, of, *COMMANDS, *MEASURED, *UNITS, *NOISE, *_OF_WORD}
-        joint = "_".join(word for word in rest if word not in said)
+        vocabulary = {commanded, of, *COMMANDS, *MEASURED, *UNITS, *NOISE, *_OF_WORD}
+        joint = "_".join(token for token in rest if token not in vocabulary)
     return Guess(role, unit, joint, " and ".join(f"“{w}”" for w in (commanded, of) if w))
 
 
 def joint_in(name: str, joints: Sequence[str]) -> str:
     """Joint whose words are all in a name, the longest of several; empty if there is none."""
-    mine = words(name)
-    fitting = [j for j in joints if words(j) and _contains(mine, words(j))]
+    tokens = words(name)
+    fitting = [j for j in joints if words(j) and _contains(tokens, words(j))]
     return max(fitting, key=lambda joint: len(words(joint)), default="")
 
 
 def time_unit(name: str) -> str | None:
     """Unit of time in a name; empty if the name is a time without a unit, None if it is no time."""
-    said = [TIMES.get(word) for word in words(name)]
-    if not said or None in said[-1:]:
+    symbols = [TIMES.get(token) for token in words(name)]
+    if not symbols or None in symbols[-1:]:
         return None
-    return next((unit for unit in said if unit), "")
+    return next((unit for unit in symbols if unit), "")
 
 
 def _contains(whole: Sequence[str], part: Sequence[str]) -> bool:
@@ -100,6 +100,6 @@ def _contains(whole: Sequence[str], part: Sequence[str]) -> bool:
 
 def _without(whole: Iterable[str], part: Sequence[str]) -> list[str]:
     left = list(whole)
-    for word in part:
-        left.remove(word)
+    for token in part:
+        left.remove(token)
     return left

@@ -144,9 +144,9 @@ class Problem:
         self.units = np.concatenate(
             [_units(h, x) for h, x in self.parts] + [np.full(len(self.free), 0.3)]
         )
-        flat = [v for _, x in self.parts for v in x]
+        coordinates = [v for _, x in self.parts for v in x]
         logs = [math.log(self.free[n] / self.nominal[n]) for n in self.free]
-        self.start = np.array([*flat, *logs]) / self.units
+        self.start = np.array([*coordinates, *logs]) / self.units
         bounds = [b for h, _ in self.parts for b in map(_bounds, h.coordinates)]
         bounds += [(-FREE_RANGE, FREE_RANGE)] * len(self.free)
         low, high = np.array(bounds).T.reshape(2, -1)
@@ -245,10 +245,10 @@ def rough(case: Case, parts: Parts, setting: Setting) -> tuple[float, tuple]:
         case, parts, setting.free, setting.nominal, params.free_spread, setting.scale, only, True
     )
     count = len(problem.start)
-    found = minimise(
+    solution = minimise(
         problem, problem.start, problem.bounds, JACOBIAN_STEP, params.rough + 2 * count
     )
-    moved, overrides = problem.split(found.z)
+    moved, overrides = problem.split(solution.z)
     specs = specs_of(moved)
     residual = soft(case.vector(specs, overrides, only, True), setting.scale)
     return float(np.sqrt(np.mean(np.square(residual)))), tuple(moved)
@@ -267,8 +267,8 @@ def fit(case: Case, parts: Parts, setting: Setting) -> Fitted:
     z, cost = problem.start, 0.0
     if len(z):
         limit = params.evaluations + 5 * (len(z) - 1)
-        found = minimise(problem, problem.start, problem.bounds, JACOBIAN_STEP, limit)
-        z, cost = found.z, found.cost
+        solution = minimise(problem, problem.start, problem.bounds, JACOBIAN_STEP, limit)
+        z, cost = solution.z, solution.cost
     parts, overrides = problem.split(z)
     return weigh(case, parts, overrides, cost)
 
@@ -297,10 +297,10 @@ def polish(case: Case, model: Fitted, setting: Setting) -> Fitted:
         return model
     exact, params = case.corrected(model.specs, model.overrides), setting.params
     if exact is not case:
-        few = params.replace(evaluations=max(4, params.evaluations // 2))
+        reduced = params.replace(evaluations=max(4, params.evaluations // 2))
         free = model.overrides or setting.free
-        again = fit(exact, model.parts, replace(setting, params=few, free=free))
-        model = min((again, model), key=_left)
+        refit = fit(exact, model.parts, replace(setting, params=reduced, free=free))
+        model = min((refit, model), key=_left)
     model = min((model, beyond(exact, model, setting)), key=_left)
     return jointly(exact, model, setting)
 
@@ -317,12 +317,12 @@ def jointly(case: Case, model: Fitted, setting: Setting) -> Fitted:
     params, free = setting.params, model.overrides or setting.free
     problem = Problem(case, model.parts, free, setting.nominal, params.free_spread, setting.scale)
     start = case.loose.deviations(model.loose) / DEVIATIONS
-    count, reach = len(start), [ends / DEVIATIONS for ends in case.loose.reach]
+    count, reach = len(start), [limits / DEVIATIONS for limits in case.loose.reach]
     problem.case = case.at(DEVIATIONS * start)
-    told = problem.case.extrapolated(model.specs, model.overrides, case.fitted)
+    extrapolate = problem.case.extrapolated(model.specs, model.overrides, case.fitted)
 
     def promise(z: np.ndarray) -> np.ndarray:
-        return problem.line(problem.start, *case.flat(*told(DEVIATIONS * z), case.fitted))
+        return problem.line(problem.start, *case.flat(*extrapolate(DEVIATIONS * z), case.fitted))
 
     def residual(z: np.ndarray) -> np.ndarray:
         problem.case = case.at(DEVIATIONS * z[:count])
@@ -331,14 +331,14 @@ def jointly(case: Case, model: Fitted, setting: Setting) -> Fitted:
     r, highest = promise(start), problem.bounds[1]
     robot = differences(promise, start, r, JACOBIAN_STEP, reach[1])
     effects = differences(problem, problem.start, r, JACOBIAN_STEP, highest)
-    bounds = [np.r_[mine, own] for mine, own in zip(reach, problem.bounds, strict=True)]
+    bounds = [np.r_[x, y] for x, y in zip(reach, problem.bounds, strict=True)]
     z, slopes = np.r_[start, problem.start], np.hstack([robot, effects])
     budgets = FIRST + len(problem.start), TURNS * len(z) + AGAIN
-    found = guided(residual, z, bounds, JACOBIAN_STEP, budgets, slopes, model.cost)
-    parts, overrides = problem.split(found.z[count:])
-    known = case.loose.values(DEVIATIONS * found.z[:count])
-    again = weigh(case, parts, overrides, found.cost, known=known)
-    return min((model, again), key=_left)
+    solution = guided(residual, z, bounds, JACOBIAN_STEP, budgets, slopes, model.cost)
+    parts, overrides = problem.split(solution.z[count:])
+    values = case.loose.values(DEVIATIONS * solution.z[:count])
+    refit = weigh(case, parts, overrides, solution.cost, known=values)
+    return min((model, refit), key=_left)
 
 
 def beyond(case: Case, model: Fitted, setting: Setting) -> Fitted:
@@ -364,11 +364,11 @@ def beyond(case: Case, model: Fitted, setting: Setting) -> Fitted:
                 moved[index] += share * stride
                 if not problem.bounds[0][index] <= moved[index] <= problem.bounds[1][index]:
                     break
-                found = minimise(problem, moved, problem.bounds, JACOBIAN_STEP, len(z) + AGAIN)
-                left -= found.evaluations
-                if not found.cost < cost - FEW:
+                solution = minimise(problem, moved, problem.bounds, JACOBIAN_STEP, len(z) + AGAIN)
+                left -= solution.evaluations
+                if not solution.cost < cost - FEW:
                     break
-                z, cost = found.z, found.cost
+                z, cost = solution.z, solution.cost
     if z is problem.start:
         return model
     parts, overrides = problem.split(z)
@@ -379,16 +379,16 @@ def _strides(case: Case, parts: Parts, units: np.ndarray) -> list[tuple[int, flo
     """Indices of coordinates that may have several minima, and the distance between these."""
     robot = case.forward._robot(0, {}, 1.0)
     step = max((getattr(d, "resolution", 0.0) for d in robot.drives.values()), default=0.0)
-    found = []
+    strides = []
     for i, c in enumerate(c for hypothesis, _ in parts for c in hypothesis.coordinates):
         if c.logarithmic:
-            found.append((i, FACTOR / units[i]))
+            strides.append((i, FACTOR / units[i]))
         elif not c.strength:
-            spread = np.ptp(c.start) if len(c.start) > 1 else PART * (c.high - c.low) / c.size
-            found.append((i, float(spread) / units[i]))
+            width = np.ptp(c.start) if len(c.start) > 1 else PART * (c.high - c.low) / c.size
+            strides.append((i, float(width) / units[i]))
         elif step > 0.0 and c.unit == "rad":
-            found.append((i, step / c.size / units[i]))
-    return found
+            strides.append((i, step / c.size / units[i]))
+    return strides
 
 
 def _left(model: Fitted) -> float:
@@ -409,9 +409,9 @@ def weigh(
     """
     specs = specs_of(parts)
     own = case.kept() if given else case
-    whole, loose, pull, starts = own.suited(specs, overrides, known)
-    held = case.judged(whole)
-    rms = evidence.rms(case.masked(whole, range(len(whole)), held=False))
+    residuals, loose, pull, starts = own.suited(specs, overrides, known)
+    held = case.judged(residuals)
+    rms = evidence.rms(case.masked(residuals, range(len(residuals)), held=False))
     return Fitted(
-        tuple(parts), dict(overrides), rms, held, tuple(whole), cost, None, loose, pull, starts
+        tuple(parts), dict(overrides), rms, held, tuple(residuals), cost, None, loose, pull, starts
     )

@@ -74,38 +74,38 @@ def fit(case: Case, model: Fitted, each: Each) -> Learned | None:
         model: Selected model with its effects.
         each: Runs functions of the case in parallel, in any number of processes.
     """
-    given = model.specs
+    initial = model.specs
     overrides = model.settled
-    regions = seen(case, given, overrides)
+    regions = seen(case, initial, overrides)
     if not regions:
         return None
-    case = case.kept().corrected(given, overrides)
+    case = case.kept().corrected(initial, overrides)
     at, explained = np.zeros(len(regions) * FEATURES), 0.0
-    residual = case.vector(given, overrides)
+    residual = case.vector(initial, overrides)
     stride = _stride(residual, len(case.forward.channels))
     for turn in range(ROUNDS):
-        x = _columns(given, overrides, regions, at, stride, each)
-        share, wanted = ridge(x, x @ at - residual[::stride])
+        x = _columns(initial, overrides, regions, at, stride, each)
+        share, optimum = ridge(x, x @ at - residual[::stride])
         if turn == 0:
             if share < LEAST_EXPLAINED:
                 return None
-            kept = telling(x, wanted)
-            regions, at = [regions[j] for j in kept], np.zeros(len(kept) * FEATURES)
-            x = x[:, np.concatenate([np.arange(j * FEATURES, (j + 1) * FEATURES) for j in kept])]
-            explained, wanted = ridge(x, -residual[::stride])
+            rows = telling(x, optimum)
+            regions, at = [regions[j] for j in rows], np.zeros(len(rows) * FEATURES)
+            x = x[:, np.concatenate([np.arange(j * FEATURES, (j + 1) * FEATURES) for j in rows])]
+            explained, optimum = ridge(x, -residual[::stride])
         before = _rms(residual)
         for part in SHARES:
-            tried = _rounded(at + part * (wanted - at))
-            left = case.vector([*given, *corrections(regions, tried)], overrides)
+            trial = _rounded(at + part * (optimum - at))
+            left = case.vector([*initial, *corrections(regions, trial)], overrides)
             if _rms(left) < before:
-                at, residual = tried, left
+                at, residual = trial, left
                 break
         if not _rms(residual) < (1.0 - LEAST_GAIN) * before:
             break
     if not at.any():
         return None
     effects = corrections(regions, at)
-    pair = [_held(case, specs, overrides) for specs in (given, [*given, *effects])]
+    pair = [_held(case, specs, overrides) for specs in (initial, [*initial, *effects])]
     return Learned(effects, tuple(r["joint"] for r in regions), explained, *pair)
 
 
@@ -123,7 +123,7 @@ def seen(case: Case, specs: Specs, overrides: Mapping[str, Any]) -> Specs:
     torques = np.concatenate(forward(specs, overrides, case.fitted))
     states = [joint_states(case.records[i], case.forward.robot(i)) for i in case.fitted]
     q, dq = (np.concatenate(parts)[:, robot.driven] for parts in zip(*states, strict=True))
-    found = []
+    bounds = []
     for k, joint in enumerate(joints):
         columns = [c[np.isfinite(c)] for c in (q[:, k], dq[:, k], torques[:, k])]
         if not all(len(c) for c in columns) or not np.ptp(columns[0]) > 0.0:
@@ -139,8 +139,8 @@ def seen(case: Case, specs: Specs, overrides: Mapping[str, Any]) -> Specs:
         bounded = {
             k: _digits(float(np.clip(v, *limits(LearnedResidual, k)))) for k, v in values.items()
         }
-        found.append({"name": LearnedResidual.name, "joint": joint, **bounded})
-    return found
+        bounds.append({"name": LearnedResidual.name, "joint": joint, **bounded})
+    return bounds
 
 
 def telling(x: np.ndarray, weights: np.ndarray) -> list[int]:
@@ -184,8 +184,8 @@ def _columns(
     steps = np.repeat([STEP * r["load_range"] for r in regions], FEATURES)
     points = [at, *(at + step * row for step, row in zip(steps, np.eye(len(at)), strict=True))]
     tasks = [([*given, *corrections(regions, p)], dict(overrides), stride) for p in points]
-    here, *there = each(moved, tasks)
-    return np.stack([(m - here) / s for m, s in zip(there, steps, strict=True)], axis=1)
+    reference, *shifted = each(moved, tasks)
+    return np.stack([(m - reference) / s for m, s in zip(shifted, steps, strict=True)], axis=1)
 
 
 def _stride(residual: np.ndarray, channels: int) -> int:

@@ -73,18 +73,18 @@ def screen(
 
     A hypothesis with which the robot cannot be built explains nothing and reports the reason.
     """
-    given = case, base, overrides, only, residual, tangent
+    args = case, base, overrides, only, residual, tangent
     try:
-        return try_bundle(bundle, *given, known)
+        return try_bundle(bundle, *args, known)
     except LocoError as error:
         if len(bundle.hypotheses) == 1:
             (h,) = bundle.hypotheses
             return [Screened(h, 0.0, tuple(h.starts()[0]), dead=True, failed=str(error))]
     starts = known or [None] * len(bundle.hypotheses)
-    found = []
+    trials = []
     for h, mask, at in zip(bundle.hypotheses, bundle.channels, starts, strict=True):
-        found += screen(case, Bundle((h,), (mask,), bundle.passes), *given[1:], (at,) if at else ())
-    return found
+        trials += screen(case, Bundle((h,), (mask,), bundle.passes), *args[1:], (at,) if at else ())
+    return trials
 
 
 def try_bundle(
@@ -143,9 +143,9 @@ class _Trial:
         self.hypothesis, self.rows, self.tangent = hypothesis, rows, tangent
         self.left = project(residual, tangent)
         self.whole = max(_square(self.left), 1e-300)
-        own = slice(None) if rows is None else rows  # only this branch's gap decides on sizes
-        self.energy = max(_square(residual[own]), 1e-300)
-        self.idle = IDLE * _square(self.left[own]) / self.whole
+        mask = slice(None) if rows is None else rows  # only this branch's gap decides on sizes
+        self.energy = max(_square(residual[mask]), 1e-300)
+        self.idle = IDLE * _square(self.left[mask]) / self.whole
         quiet = passes and rows is not None and _quiet(residual, rows)
         self.starts = [known] if known else [] if quiet else hypothesis.starts()
         self.most = 0 if known else RUNGS
@@ -203,10 +203,10 @@ class _Trial:
             self.done = scale < 1.5 or self.x == before
             return
         self.alive = True
-        bare = project(columns, self.tangent)
-        factors = _solve(bare, self.left)
-        share, factors = self._judged(bare, factors)
-        if len(size) == 1 and self._overshot(1.0 - _square(self.left + bare[:, 0]) / self.whole):
+        moves = project(columns, self.tangent)
+        factors = _solve(moves, self.left)
+        share, factors = self._judged(moves, factors)
+        if len(size) == 1 and self._overshot(1.0 - _square(self.left + moves[:, 0]) / self.whole):
             return
         self.x = _scaled(self.hypothesis, self.x, factors)
         live = factors[size > 0.0]
@@ -226,8 +226,8 @@ class _Trial:
         response equals the residual are tried: the next step may respond elsewhere.
         """
         sizes = [x for x in self.levels if x]
-        most = ALL if any(self.levels[x] < DEAD for x in sizes) else TOO_LOUD
-        quiet = [x for x in sizes if self.levels[x] < most]
+        top = ALL if any(self.levels[x] < DEAD for x in sizes) else TOO_LOUD
+        quiet = [x for x in sizes if self.levels[x] < top]
         best = max((share for share, _ in (*self.tried, *self.promised)), default=0.0)
         reached = any(ALL <= self.levels[x] for x in quiet)
         if not sizes or best >= self.idle or reached or not self.most:
@@ -235,7 +235,7 @@ class _Trial:
         (at,) = self.hypothesis.strengths
         x, loud = max(quiet, key=abs, default=0.0), []
         if x:
-            loud = [abs(y) for y, level in self.levels.items() if level >= most and abs(y) > abs(x)]
+            loud = [abs(y) for y, level in self.levels.items() if level >= top and abs(y) > abs(x)]
             factor = np.sqrt(min(loud) / abs(x)) if loud else RUNG
         else:
             x, factor = min(sizes, key=abs), 1.0 / RUNG
@@ -285,8 +285,8 @@ class _Trial:
 
 def _quiet(residual: np.ndarray, rows: np.ndarray) -> bool:
     """True if the residual of a branch is mostly noise, by `QUIET` and `NOISY`."""
-    beyond = _square(residual[rows]) - rows.sum()
-    return beyond < min(QUIET * _square(residual), NOISY * rows.sum())
+    excess = _square(residual[rows]) - rows.sum()
+    return excess < min(QUIET * _square(residual), NOISY * rows.sum())
 
 
 def _square(values: np.ndarray) -> float:

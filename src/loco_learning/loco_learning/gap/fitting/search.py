@@ -98,13 +98,13 @@ class Search:
     def _records_to_screen(self, base: Fitted) -> list[int]:
         """Fit records with the largest residuals, up to `GapParams.screen_seconds` in total."""
         size = {i: -evidence.rms([base.whole[i]]) for i in self.case.fitted}
-        chosen, seconds = [], 0.0
+        selected, seconds = [], 0.0
         for i in sorted(size, key=lambda i: (size[i], i)):
-            if chosen and seconds >= self.params.screen_seconds:
+            if selected and seconds >= self.params.screen_seconds:
                 break
-            chosen.append(i)
+            selected.append(i)
             seconds += self.case.records[i].duration
-        return sorted(chosen)
+        return sorted(selected)
 
     def singles(self) -> Found:
         """Test effects one at a time, all starting from the user's own model.
@@ -113,7 +113,7 @@ class Search:
         that compensate a missing effect would hide it.
         """
         self.report(0.02, "fitting the model as it came", "")
-        given = weigh(self.case, (), self.nominal, given=True)
+        initial = weigh(self.case, (), self.nominal, given=True)
         base = weigh(self.case, (), self.nominal)
         for _ in range(
             REFITS if self.nominal else 0
@@ -122,22 +122,22 @@ class Search:
             base = next(iter(self.each(fit, [((), setting)])))
         if self.nominal:
             base = next(iter(self.each(polish, [(base, setting)])))
-        found, self.only = Found(given, base), self._records_to_screen(given)
+        result, self.only = Found(initial, base), self._records_to_screen(initial)
         self.setting = Setting(
             self.params, self.nominal, self.nominal, self._scale(base), tuple(self.only)
         )
-        if self.adequate(given) or self.asked and self.adequate(base):
-            return found  # otherwise an adequate `base` competes with effects
-        found.screened = self._screen(given, 0.05, 0.35)
-        together = [(one,) for one in families(found.screened, self.joints)]
-        singles = [((s.hypothesis, s.x),) for s in self._chosen(found.screened)]
-        self._tournament([*together, *singles], self.params.finalists)
+        if self.adequate(initial) or self.asked and self.adequate(base):
+            return result  # otherwise an adequate `base` competes with effects
+        result.screened = self._screen(initial, 0.05, 0.35)
+        grouped = [(one,) for one in families(result.screened, self.joints)]
+        singles = [((s.hypothesis, s.x),) for s in self._chosen(result.screened)]
+        self._tournament([*grouped, *singles], self.params.finalists)
         ranked = self._ranked(base)
         if ranked and not self.enough(ranked[0], base):
-            self._tournament(siblings(found.screened, self.params.screen_share), PAIRS)
-        found.models = self._ranked(base)
+            self._tournament(siblings(result.screened, self.params.screen_share), PAIRS)
+        result.models = self._ranked(base)
         self.report(0.6, "fitted single effects", self._best(base))
-        return found
+        return result
 
     def together(self, found: Found) -> Found:
         """Add one effect at a time to the best models until the residual is explained."""
@@ -164,8 +164,8 @@ class Search:
         """Models to which another effect is added; of each combination of kinds only the best."""
         best: dict[tuple, Fitted] = {}
         for model in ranked:
-            kinds = [EFFECTS[h.effect].identity.kind if h.joints else h.key for h, _ in model.parts]
-            best.setdefault(tuple(sorted(kinds)), model)
+            names = [EFFECTS[h.effect].identity.kind if h.joints else h.key for h, _ in model.parts]
+            best.setdefault(tuple(sorted(names)), model)
         return list(best.values())[: self.params.beam]
 
     def _idle(self, ranked: Sequence[Fitted], depth: int) -> bool:
@@ -196,14 +196,14 @@ class Search:
             [self.case.masked(m.whole, every, held) for m in (base, model)]
             for held in (True, False)
         ]
-        near = max(model.held.rms, model.fit_rms) <= NEAR_FLOOR
-        return near and all(evidence.closed_by(*pair) >= self.params.closed for pair in pairs)
+        at_floor = max(model.held.rms, model.fit_rms) <= NEAR_FLOOR
+        return at_floor and all(evidence.closed_by(*pair) >= self.params.closed for pair in pairs)
 
     def _ranked(self, base: Fitted) -> list[Fitted]:
         """Models with a smaller residual than `base`, the best first."""
-        worst = self.energy(base)
-        better = [m for m in self.fits.values() if self.energy(m) < worst and m.parts]
-        return sorted(better, key=lambda m: (self.energy(m) + 0.02 * m.count, m.key))
+        limit = self.energy(base)
+        improved = [m for m in self.fits.values() if self.energy(m) < limit and m.parts]
+        return sorted(improved, key=lambda m: (self.energy(m) + 0.02 * m.count, m.key))
 
     def energy(self, model: Fitted) -> float:
         """Logarithm of the residual of a model: held-out counts as much as fitted."""
@@ -219,17 +219,17 @@ class Search:
         """Fit all models roughly, then the best of them to convergence."""
         new = [parts for parts in wanted if _key(parts) not in self.fits]
         tasks = [(parts, self.setting) for parts in new]
-        tried = sorted(
+        scores = sorted(
             ((rms, _key(parts), parts) for rms, parts in self.each(rough, tasks)),
             key=lambda one: one[:2],
         )
-        for rms, key, _ in tried:
+        for rms, key, _ in scores:
             log.info("rough %-50s %8.3f", key, rms)
-        near = CLOSE_RACE * tried[0][0] if tried else 0.0
+        threshold = CLOSE_RACE * scores[0][0] if scores else 0.0
         last = [
             parts
-            for i, (rms, _, parts) in enumerate(tried)
-            if i < most or (i < 2 * most and rms <= near)
+            for i, (rms, _, parts) in enumerate(scores)
+            if i < most or (i < 2 * most and rms <= threshold)
         ]
         fitted = self._fit(last)
         best = sorted(fitted, key=lambda m: (self.energy(m), m.key))[: self.params.polished]
@@ -260,10 +260,10 @@ class Search:
         """Screen every hypothesis on top of a model."""
         starts = {s.hypothesis.key: s.x for s in before if s.cost}
         hypotheses = [s.hypothesis for s in before if not s.dead] or self.hypotheses
-        there = {h.key for h, _ in model.parts}
-        wanted = [h for h in hypotheses if h.key not in there]
-        found = self._tried(model, wanted, self.only, (start, stop), starts)
-        return found if before else self._alone(model, found, stop)
+        present = {h.key for h, _ in model.parts}
+        candidates = [h for h in hypotheses if h.key not in present]
+        results = self._tried(model, candidates, self.only, (start, stop), starts)
+        return results if before else self._alone(model, results, stop)
 
     def beside(self, model: Fitted, before: Sequence[Screened]) -> list[Screened]:
         """Effects that explain most on top of a model, started from their earlier coordinates."""
@@ -281,17 +281,17 @@ class Search:
         wrong size by more than the residual.
         """
         loud = self.only[np.argmax([evidence.rms([model.whole[i]]) for i in self.only])]
-        idle = [s.hypothesis for s in found if s.share < self.params.screen_share and not s.dead]
-        if len(self.only) < 2 or not idle:
+        weak = [s.hypothesis for s in found if s.share < self.params.screen_share and not s.dead]
+        if len(self.only) < 2 or not weak:
             return found
-        here, every = (
+        energy, every = (
             float(np.sum(np.square(self.case.vector(model.specs, model.overrides, only))))
             for only in ([loud], self.only)
         )
-        better = {}
-        for s in self._tried(model, idle, [loud], (at, at), {}):
-            better[s.hypothesis.key] = replace(s, share=s.share * here / max(every, 1e-300))
-        return [max(s, better.get(s.hypothesis.key, s), key=lambda s: s.share) for s in found]
+        improved = {}
+        for s in self._tried(model, weak, [loud], (at, at), {}):
+            improved[s.hypothesis.key] = replace(s, share=s.share * energy / max(every, 1e-300))
+        return [max(s, improved.get(s.hypothesis.key, s), key=lambda s: s.share) for s in found]
 
     def _tried(
         self,
@@ -305,22 +305,22 @@ class Search:
         specs, overrides = model.specs, model.overrides
         residual = self.case.vector(specs, overrides, only, coarse=True)
         tangent = self._tangent(model, residual, only)
-        wanted, (start, stop) = self.bundled(hypotheses), span
+        batches, (start, stop) = self.bundled(hypotheses), span
         tasks = [
             (
-                bundle, specs, overrides, only, residual, tangent,
-                [starts.get(h.key) for h in bundle.hypotheses],
+                batch, specs, overrides, only, residual, tangent,
+                [starts.get(h.key) for h in batch.hypotheses],
             )
-            for bundle in wanted
+            for batch in batches
         ]  # fmt: skip
-        found = []
-        for i, some in enumerate(self.each(screen, tasks)):
-            found += some
+        results = []
+        for i, screened in enumerate(self.each(screen, tasks)):
+            results += screened
             share = start + (stop - start) * (i + 1) / len(tasks)
-            self.report(share, f"screening {wanted[i].key}", " + ".join(model.names))
-            for one in some:
+            self.report(share, f"screening {batches[i].key}", " + ".join(model.names))
+            for one in screened:
                 log.info("screen %-45s %7.3f cost %d", one.hypothesis.key, one.share, one.cost)
-        return found
+        return results
 
     def _tangent(
         self, model: Fitted, residual: np.ndarray, only: Sequence[int]
@@ -340,35 +340,35 @@ class Search:
                     0.1 if hypothesis.coordinates[j].logarithmic else TANGENT_STEP * (x[j] or 1.0)
                 )
                 specs = model.moved(i, moved)
-                there = self.case.vector(specs, model.overrides, only, coarse=True)
-                columns.append(there - residual)
+                shifted = self.case.vector(specs, model.overrides, only, coarse=True)
+                columns.append(shifted - residual)
         live = [c / np.linalg.norm(c) for c in columns if np.linalg.norm(c) > 1e-9]
         return np.linalg.qr(np.stack(live, axis=1))[0] if live else None
 
     def _chosen(self, screened: Sequence[Screened], count: int = 0) -> list[Screened]:
         """The best places of those effects that explain most."""
         ordered = sorted(screened, key=lambda s: (-s.share, s.hypothesis.key))
-        most = ordered[0].share if ordered else 0.0
-        least = max(self.params.screen_share, LEAST_OF_BEST * most)
-        chosen: dict[tuple[str, str], list[Screened]] = {}
+        max_share = ordered[0].share if ordered else 0.0
+        threshold = max(self.params.screen_share, LEAST_OF_BEST * max_share)
+        by_variant: dict[tuple[str, str], list[Screened]] = {}
         for one in ordered:
-            places = chosen.setdefault((one.hypothesis.effect, one.hypothesis.variant), [])
-            close = not places or (
-                len(places) < FITTED_PLACES and one.share > CLOSE * places[0].share
+            group = by_variant.setdefault((one.hypothesis.effect, one.hypothesis.variant), [])
+            close = not group or (
+                len(group) < FITTED_PLACES and one.share > CLOSE * group[0].share
             )
-            if one.share >= least and close:
-                places.append(one)
-        kept = [places for places in chosen.values() if places][: count or self.params.keep]
-        return [one for places in kept for one in places]
+            if one.share >= threshold and close:
+                group.append(one)
+        groups = [group for group in by_variant.values() if group][: count or self.params.keep]
+        return [one for group in groups for one in group]
 
     def _deepen(self, level: Sequence[Fitted], found: Found, depth: int) -> None:
         """Add one effect to each of some models, until one of the results is enough."""
         for i, model in enumerate(level):
             at = 0.6 + 0.1 * (depth - 2) + 0.1 * i / max(len(level), 1)
-            more = self._screen(model, at, at + 0.05, found.screened)
-            chosen = self._chosen(more, AT_LEAST)
-            wanted = [(*model.parts, (s.hypothesis, s.x)) for s in chosen]
-            fitted = self._tournament(wanted, min(DEEP, self.params.finalists))
+            screened = self._screen(model, at, at + 0.05, found.screened)
+            selected = self._chosen(screened, AT_LEAST)
+            extended = [(*model.parts, (s.hypothesis, s.x)) for s in selected]
+            fitted = self._tournament(extended, min(DEEP, self.params.finalists))
             if any(self.enough(m, found.base) for m in fitted):
                 break  # `judge` looks for rivals of its effects
 
@@ -391,12 +391,12 @@ def siblings(screened: Sequence[Screened], least: float) -> list[tuple]:
         if kind and h.place and not one.dead and one.share >= least:
             groups.setdefault((kind, h.place), {}).setdefault(h.effect, one)
     first: dict[str, list[Screened]] = {}
-    for (kind, _), mine in groups.items():  # ordered by the largest share
-        first.setdefault(kind, list(mine.values())[:SIBLINGS])
+    for (kind, _), members in groups.items():  # ordered by the largest share
+        first.setdefault(kind, list(members.values())[:SIBLINGS])
     return [
         tuple((s.hypothesis, s.x) for s in pair)
-        for mine in first.values()
-        for pair in itertools.combinations(mine, 2)
+        for members in first.values()
+        for pair in itertools.combinations(members, 2)
     ]
 
 

@@ -23,8 +23,8 @@ NOTICED = 1.0
 
 def finish(case: Case, model: Fitted, setting: Setting) -> Fitted:
     """Polish a model and count the parameters that the data can see."""
-    polished = polish(case, model, setting)
-    return replace(polished, seen=seen(case, polished))
+    refined = polish(case, model, setting)
+    return replace(refined, seen=seen(case, refined))
 
 
 def seen(case: Case, model: Fitted) -> int:
@@ -35,7 +35,7 @@ def seen(case: Case, model: Fitted) -> int:
         model: Fitted model.
     """
     case = case.kept()  # compensation by values of the robot is not considered here
-    here = identify.flat(case.whitened(model.specs, model.settled))
+    reference = identify.flat(case.whitened(model.specs, model.settled))
     weight = np.sqrt(identify.weights(model.score))
     count = 0
     for i, (hypothesis, x) in enumerate(model.parts):
@@ -44,7 +44,7 @@ def seen(case: Case, model: Fitted) -> int:
             step = MOVED * typical
             step = step if c.clipped(x[j] + step) == x[j] + step else -step
             specs = model.moved(i, [v + step * (k == j) for k, v in enumerate(x)])
-            there = identify.flat(case.whitened(specs, model.settled))
-            change = np.clip(np.nan_to_num(there - here), -case.cap, case.cap) * weight
+            shifted = identify.flat(case.whitened(specs, model.settled))
+            change = np.clip(np.nan_to_num(shifted - reference), -case.cap, case.cap) * weight
             count += float(np.linalg.norm(change)) / MOVED >= NOTICED
     return count

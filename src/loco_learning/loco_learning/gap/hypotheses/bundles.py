@@ -68,25 +68,25 @@ def bundles(
         branch: np.array([spots.get(c.name, (-1, 0))[0] == branch for c in channels])
         for branch in branches
     }
-    made: dict[tuple, list[Hypothesis]] = {}
+    groups: dict[tuple, list[Hypothesis]] = {}
     for i, h in enumerate(hypotheses):
         at = spots.get(h.place)
         key = (h.effect, h.variant, at[1]) if at else (h.effect, h.variant, i, "")
-        made.setdefault(key, []).append(h)
-    found = []
-    for group in made.values():
-        alone = group[0].place not in spots
-        masks = [None if alone else flags[spots[h.place][0]] for h in group]
-        found.append(Bundle(tuple(group), tuple(masks), not led))
-    return found
+        groups.setdefault(key, []).append(h)
+    result = []
+    for group in groups.values():
+        single = group[0].place not in spots
+        masks = [None if single else flags[spots[h.place][0]] for h in group]
+        result.append(Bundle(tuple(group), tuple(masks), not led))
+    return result
 
 
 def _spots(robot: Robot) -> dict[str, tuple[int, int]]:
     """Branch index of each joint and link, and its depth in the branch."""
-    text, found = Description(robot.urdf), {}
+    text, positions = Description(robot.urdf), {}
     for branch, chain in enumerate(chains(robot)):
         for depth, joint in enumerate(chain):
-            found[joint] = (branch, depth)
+            positions[joint] = (branch, depth)
         for depth, link in enumerate(text.below(text.child(chain[0]))):
-            found[link] = (branch, depth)
-    return found
+            positions[link] = (branch, depth)
+    return positions

@@ -34,16 +34,16 @@ def families(screened: Sequence[Any], joints: tuple[str, ...]) -> list[tuple]:
     members: dict[str, dict[str, Any]] = {}
     for one in screened:
         h = one.hypothesis
-        alone = h.place in joints and not h.variant and not h.joints
-        if alone and EFFECTS[h.effect].identity.kind and not one.dead and one.share > 0.0:
+        single = h.place in joints and not h.variant and not h.joints
+        if single and EFFECTS[h.effect].identity.kind and not one.dead and one.share > 0.0:
             members.setdefault(h.effect, {})[h.place] = one
     ranked = sorted(
-        (-sum(one.share for one in found.values()), effect)
-        for effect, found in members.items()
-        if sum(one.share >= LEAST for one in found.values()) > 1
+        (-sum(one.share for one in entries.values()), effect)
+        for effect, entries in members.items()
+        if sum(one.share >= LEAST for one in entries.values()) > 1
     )
-    found = [[members[e][j] for j in joints if j in members[e]] for _, e in ranked[:MOST]]
-    return [_family([(one.hypothesis, one.x) for one in each], joints) for each in found]
+    entries = [[members[e][j] for j in joints if j in members[e]] for _, e in ranked[:MOST]]
+    return [_family([(one.hypothesis, one.x) for one in each], joints) for each in entries]
 
 
 def fewer(
@@ -62,20 +62,20 @@ def fewer(
         offered: Hypotheses about each joint alone.
         joints: Joints of the robot.
     """
-    alone = {h.place: h for h in offered if h.effect == family.effect and not h.variant}
+    by_place = {h.place: h for h in offered if h.effect == family.effect and not h.variant}
     count = len(family.coordinates) // len(family.joints)
     at = {joint: tuple(x[i * count : (i + 1) * count]) for i, joint in enumerate(family.joints)}
     if len(mine) == 1:
-        return alone[mine[0]], at[mine[0]]
-    return _family([(alone[joint], at[joint]) for joint in mine], joints)
+        return by_place[mine[0]], at[mine[0]]
+    return _family([(by_place[joint], at[joint]) for joint in mine], joints)
 
 
 def _family(found: Sequence[tuple[Hypothesis, Sequence[float]]], joints: tuple[str, ...]) -> tuple:
     """One law at the joints of some hypotheses, and its initial coordinates."""
-    mine = tuple(h.place for h, _ in found)
+    members = tuple(h.place for h, _ in found)
     first = found[0][0]
     coordinates = tuple(replace(c, of=h.place) for h, _ in found for c in h.coordinates)
     fixed = tuple((k, v) for k, v in first.fixed if k != "joint")
-    place = common(list(mine), joints) or " ".join(mine)
-    family = Hypothesis(first.effect, place, fixed, coordinates, EACH, mine)
-    return family, tuple(v for _, x in found for v in x)
+    place = common(list(members), joints) or " ".join(members)
+    hypothesis = Hypothesis(first.effect, place, fixed, coordinates, EACH, members)
+    return hypothesis, tuple(v for _, x in found for v in x)

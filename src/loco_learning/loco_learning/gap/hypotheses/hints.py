@@ -38,27 +38,27 @@ def find(case: Case, robot: Robot) -> Hints:
     fitted = case.fitted
     residuals = case.masked(case.whitened([], only=fitted), fitted, held=False)
     dts = [case.records[i].dt for i in fitted]
-    alone = [[r[:, [c]] for r in residuals] for c in range(residuals[0].shape[1])]
-    found = [interval(residuals, dts), *(interval(one, dts, agree=True) for one in alone)]
+    by_channel = [[r[:, [c]] for r in residuals] for c in range(residuals[0].shape[1])]
+    intervals = [interval(residuals, dts), *(interval(one, dts, agree=True) for one in by_channel)]
     channels = case.forward.channels
     waves = []
     for j, joint in enumerate(robot.joints):
-        mine = [c for c, channel in enumerate(channels) if channel.name == joint]
+        columns = [c for c, channel in enumerate(channels) if channel.name == joint]
         turns = [case.records[i].joints_of(robot, "q")[:, j] for i in fitted]
-        told = [c for c in mine if channels[c].signal == "tau"]
+        torques = [c for c in columns if channels[c].signal == "tau"]
         pairs = zip(residuals, dts, strict=True)
-        bends = [r[:, told] if told else bend(r[:, mine], dt) for r, dt in pairs]
-        waves.append(ripples(turns, bends) if mine else ())
-    return Hints(low, high, distinct([each for each in found if each]), fast, tuple(waves))
+        bends = [r[:, torques] if torques else bend(r[:, columns], dt) for r, dt in pairs]
+        waves.append(ripples(turns, bends) if columns else ())
+    return Hints(low, high, distinct([each for each in intervals if each]), fast, tuple(waves))
 
 
 def bend(values: np.ndarray, dt: float) -> np.ndarray:
     """Second difference over `SPEED_TIME`, (T, C): of positions, proportional to missing torque."""
-    apart, found = max(1, round(SPEED_TIME / dt)), np.full(values.shape, np.nan)
-    if len(values) > 2 * apart:
-        middle = values[apart:-apart]
-        found[apart:-apart] = values[2 * apart :] - 2.0 * middle + values[: -2 * apart]
-    return found
+    step, curvature = max(1, round(SPEED_TIME / dt)), np.full(values.shape, np.nan)
+    if len(values) > 2 * step:
+        middle = values[step:-step]
+        curvature[step:-step] = values[2 * step :] - 2.0 * middle + values[: -2 * step]
+    return curvature
 
 
 def ripples(angles: Sequence[np.ndarray], residuals: Sequence[np.ndarray]) -> tuple[float, ...]:
@@ -73,15 +73,15 @@ def ripples(angles: Sequence[np.ndarray], residuals: Sequence[np.ndarray]) -> tu
     """
     q = np.concatenate(angles)
     r = np.concatenate(residuals)
-    there = np.isfinite(q) & np.isfinite(r).all(axis=1)
-    q, r = q[there], r[there]
+    valid = np.isfinite(q) & np.isfinite(r).all(axis=1)
+    q, r = q[valid], r[valid]
     if len(q) < 2 or not np.ptp(q) > 0.0:
         return ()
     stride = max(1, len(q) // MOST_ROWS)
     q, r = q[::stride], r[::stride] - r[::stride].mean(axis=0)
-    apart = np.pi / (2.0 * np.ptp(q))
-    first = max(4.0 * LEAST_PERIODS * apart, COUNTS[0])
-    counts = np.arange(first, min(COUNTS[1], first + MOST_COUNTS * apart), apart)
+    spacing = np.pi / (2.0 * np.ptp(q))
+    first = max(4.0 * LEAST_PERIODS * spacing, COUNTS[0])
+    counts = np.arange(first, min(COUNTS[1], first + MOST_COUNTS * spacing), spacing)
     if len(counts) < 3:
         return ()
     loud = np.linalg.norm([np.exp(-1j * c * q) @ r for c in counts], axis=1)
@@ -93,21 +93,21 @@ def ripples(angles: Sequence[np.ndarray], residuals: Sequence[np.ndarray]) -> tu
 
 def fastest(q: np.ndarray, dt: float) -> np.ndarray:
     """Largest speed of each joint [rad/s], (n,), from positions (T, n); NaN where unknown."""
-    apart = max(1, round(SPEED_TIME / dt))
-    change = np.abs(q[apart:] - q[:-apart])
-    known = np.isfinite(change).any(axis=0)
-    found = np.full(q.shape[1], np.nan)
-    found[known] = np.nanmax(change[:, known], axis=0) / (apart * dt)
-    return found
+    step = max(1, round(SPEED_TIME / dt))
+    change = np.abs(q[step:] - q[:-step])
+    measured = np.isfinite(change).any(axis=0)
+    speeds = np.full(q.shape[1], np.nan)
+    speeds[measured] = np.nanmax(change[:, measured], axis=0) / (step * dt)
+    return speeds
 
 
 def distinct(intervals: Sequence[tuple[float, float]]) -> tuple[tuple[float, float], ...]:
     """The first few intervals that differ in start or end."""
-    kept: list[tuple[float, float]] = []
+    selected: list[tuple[float, float]] = []
     for each in intervals:
-        if all(np.ptp([each, other], axis=0).max() > 2.0 * ENERGY_TIME for other in kept):
-            kept.append(each)
-    return tuple(kept[:MOST_INTERVALS])
+        if all(np.ptp([each, other], axis=0).max() > 2.0 * ENERGY_TIME for other in selected):
+            selected.append(each)
+    return tuple(selected[:MOST_INTERVALS])
 
 
 def interval(

@@ -83,12 +83,12 @@ class Hypothesis:
         if not self.joints:
             return [self.term(x)]
         count = len(self.coordinates) // len(self.joints)
-        found = []
+        result = []
         for i, joint in enumerate(self.joints):
-            mine = slice(i * count, (i + 1) * count)
-            values = assemble(self.coordinates[mine], x[mine])
-            found.append(Term(self.effect, joint, {**dict(self.fixed), "joint": joint, **values}))
-        return found
+            span = slice(i * count, (i + 1) * count)
+            values = assemble(self.coordinates[span], x[span])
+            result.append(Term(self.effect, joint, {**dict(self.fixed), "joint": joint, **values}))
+        return result
 
     def starts(self) -> list[list[float]]:
         """Initial coordinates of a search: shapes from their priors, strengths of one typical unit.
@@ -97,11 +97,11 @@ class Hypothesis:
         is mounted with a twist: it starts elsewhere, however small the twist, which hides its sign.
         """
         count = max(len(c.start) for c in self.coordinates)
-        made = [[c.start[min(k, len(c.start) - 1)] for c in self.coordinates] for k in range(count)]
+        rows = [[c.start[min(k, len(c.start) - 1)] for c in self.coordinates] for k in range(count)]
         lone = self.strengths if len(self.strengths) == 1 else ()
         if lone and not self.coordinates[lone[0]].one_sided:
-            made.append([-v if i in lone else v for i, v in enumerate(made[0])])
-        return made
+            rows.append([-v if i in lone else v for i, v in enumerate(rows[0])])
+        return rows
 
 
 def separable(
@@ -112,10 +112,10 @@ def separable(
     Returns:
         The remaining hypotheses, and the excluded effects with the reason.
     """
-    twins = {twin: h.effect for h in hypotheses for twin in EFFECTS[h.effect].identity.twins}
-    kept = [h for h in hypotheses if h.effect not in twins or h.variant]
-    left = {h.effect for h in hypotheses} - {h.effect for h in kept}
-    return kept, [(name, f"no recording tells it from {twins[name]}") for name in sorted(left)]
+    twin_names = {twin: h.effect for h in hypotheses for twin in EFFECTS[h.effect].identity.twins}
+    rest = [h for h in hypotheses if h.effect not in twin_names or h.variant]
+    left = {h.effect for h in hypotheses} - {h.effect for h in rest}
+    return rest, [(name, f"no recording tells it from {twin_names[name]}") for name in sorted(left)]
 
 
 def offer(robot: Robot, signals: Sequence[str], hints: Hints) -> list[Hypothesis]:
@@ -136,9 +136,9 @@ def offer(robot: Robot, signals: Sequence[str], hints: Hints) -> list[Hypothesis
 
 def untried(robot: Robot, offered: Sequence[Hypothesis]) -> list[tuple[str, str]]:
     """Effects that apply to a robot but that no hypothesis contains, each with the reason."""
-    there = {h.effect for h in offered}
+    present = {h.effect for h in offered}
     return [
         (name, EFFECTS[name].identity.untried or NOTHING_TO_TRY)
         for name in effects.applicable(robot)
-        if name not in there
+        if name not in present
     ]

@@ -49,33 +49,33 @@ def likely(
         of the hypothesis that explains most with its coordinates, empty if none explains anything.
     """
     joints = {c.name for c in case.forward.channels if c.signal in JOINT_SIGNALS}
-    alone = conspicuous(case)
-    tried = [h for h in hypotheses if h.place not in joints or h.place in alone]
-    results = list(each(share, [(h,) for h in tried]))
+    loud_joints = conspicuous(case)
+    candidates = [h for h in hypotheses if h.place not in joints or h.place in loud_joints]
+    results = list(each(share, [(h,) for h in candidates]))
     shares = [result for result, _ in results]
-    order = sorted(range(len(tried)), key=lambda i: (-shares[i], tried[i].key))
-    kept = set(order[:KEPT])
-    for effect in {h.effect for h in tried}:
-        mine = [i for i in order if tried[i].effect == effect and shares[i] > 0.0]
-        kept |= set(mine[:PLACES])
-    left = [h for i, h in enumerate(tried) if i in kept and shares[i] > 0.0]
-    gone = {h.effect for h in hypotheses} - {h.effect for h in left}
-    idle = [(name, "it explains nothing of a few pieces on the ground") for name in sorted(gone)]
+    order = sorted(range(len(candidates)), key=lambda i: (-shares[i], candidates[i].key))
+    retained = set(order[:KEPT])
+    for effect in {h.effect for h in candidates}:
+        ranked = [i for i in order if candidates[i].effect == effect and shares[i] > 0.0]
+        retained |= set(ranked[:PLACES])
+    left = [h for i, h in enumerate(candidates) if i in retained and shares[i] > 0.0]
+    unused = {h.effect for h in hypotheses} - {h.effect for h in left}
+    notes = [(name, "it explains nothing of a few pieces on the ground") for name in sorted(unused)]
     first = order[0] if order and shares[order[0]] > 0.0 else None
-    return left, idle, [] if first is None else [(tried[first], results[first][1])]
+    return left, notes, [] if first is None else [(candidates[first], results[first][1])]
 
 
 def conspicuous(case: Case) -> set[str]:
     """Joints whose residual is much larger than that of the others; none if most are alike."""
-    whole = [np.where(r[:, None], w, np.nan) for r, w in _rows(case)]
+    whitened = [np.where(r[:, None], w, np.nan) for r, w in _rows(case)]
     power: dict[str, float] = {}
     for i, channel in enumerate(case.forward.channels):
         if channel.signal in JOINT_SIGNALS:
-            excess = evidence.excess([w[:, [i]] for w in whole])
+            excess = evidence.excess([w[:, [i]] for w in whitened])
             power[channel.name] = power.get(channel.name, 0.0) + excess
-    most = max(power.values(), default=0.0)
-    found = {name for name, value in power.items() if value > CONSPICUOUS * most}
-    return found if len(found) <= MOST_JOINTS else set()
+    peak = max(power.values(), default=0.0)
+    loud = {name for name, value in power.items() if value > CONSPICUOUS * peak}
+    return loud if len(loud) <= MOST_JOINTS else set()
 
 
 def _rows(case: Case) -> Iterator[tuple[np.ndarray, np.ndarray]]:
@@ -88,12 +88,12 @@ def share(case: Case, hypothesis: Hypothesis) -> tuple[float, list[float]]:
     Returns:
         The share, and the coordinates there.
     """
-    few = case.fewer(PIECES)
-    before = few.vector([], coarse=True)
+    subset = case.fewer(PIECES)
+    before = subset.vector([], coarse=True)
     starts = hypothesis.starts()
     both_ways = [s for s in starts[1:] if _opposite(hypothesis, s, starts[0])]
     try:
-        tries = [_share(few, hypothesis, list(x), before) for x in (starts[0], *both_ways)]
+        tries = [_share(subset, hypothesis, list(x), before) for x in (starts[0], *both_ways)]
     except LocoError:
         return 0.0, list(starts[0])
     best = max(tries, key=itemgetter(0))
@@ -111,15 +111,15 @@ def _share(
     for _ in range(ROUNDS):
         columns = _columns(case, hypothesis, x, before)
         factors = _factors(hypothesis, columns, before)
-        promised = 1.0 - _square(before + columns @ factors) / energy
+        predicted = 1.0 - _square(before + columns @ factors) / energy
         if len(factors) == 1:
             best = max(best, (1.0 - _square(before + columns[:, 0]) / energy, x), key=itemgetter(0))
         if not np.any(factors):
             break
         x = _scaled(hypothesis, x, factors)
-        there = case.vector([hypothesis.term(x).spec], coarse=True)
-        best = max(best, (1.0 - _square(there) / energy, x), key=itemgetter(0))
-        if best[0] > KEEPS * promised:
+        residual = case.vector([hypothesis.term(x).spec], coarse=True)
+        best = max(best, (1.0 - _square(residual) / energy, x), key=itemgetter(0))
+        if best[0] > KEEPS * predicted:
             break
     return best
 
@@ -128,12 +128,12 @@ def _columns(
     case: Case, hypothesis: Hypothesis, x: Sequence[float], before: np.ndarray
 ) -> np.ndarray:
     """Change of the residual by each strength alone, (N, s)."""
-    found = []
+    columns = []
     for strength in hypothesis.strengths:
         at = [v if i == strength or i not in hypothesis.strengths else 0.0 for i, v in enumerate(x)]
         specs: list[Mapping] = [hypothesis.term(at).spec]
-        found.append(case.vector(specs, coarse=True) - before)
-    return np.stack(found, axis=1)
+        columns.append(case.vector(specs, coarse=True) - before)
+    return np.stack(columns, axis=1)
 
 
 def _factors(hypothesis: Hypothesis, columns: np.ndarray, before: np.ndarray) -> np.ndarray:

@@ -79,24 +79,24 @@ def fit(
         residuals: Measured minus predicted in the channels' units, (T, C) per record.
         floor: Noise floor of each channel, for weighting, (C,).
     """
-    found, closed, total = [], 0.0, 0.0
+    corrections, closed, total = [], 0.0, 0.0
     for column, channel in enumerate(channels):
         joints = _joints(records, channel.signal, channel.name)
         parts = [features(r, joints) for r in records]
         x = np.concatenate([values for _, values in parts])
         y = np.concatenate([r[:, column] for r in residuals])
-        known = np.isfinite(y)
-        energy = float(np.square(y[known]).sum()) / floor[column] ** 2
+        valid = np.isfinite(y)
+        energy = float(np.square(y[valid]).sum()) / floor[column] ** 2
         total += energy
-        if known.sum() < 20 * FOLDS:
+        if valid.sum() < 20 * FOLDS:
             continue
-        explained, weights = ridge(x[known], y[known])
+        explained, weights = ridge(x[valid], y[valid])
         if explained >= LEAST_EXPLAINED:
             closed += explained * energy
-            kept = dict(zip(parts[0][0], weights.tolist(), strict=True))
-            made = Channel(channel.signal, channel.name, channel.unit, explained, kept)
-            found.append(made)
-    return Correction(KIND, closed / total, tuple(found)) if found else None
+            coefficients = dict(zip(parts[0][0], weights.tolist(), strict=True))
+            entry = Channel(channel.signal, channel.name, channel.unit, explained, coefficients)
+            corrections.append(entry)
+    return Correction(KIND, closed / total, tuple(corrections)) if corrections else None
 
 
 def features(record: Record, joints: Sequence[str]) -> tuple[list[str], np.ndarray]:

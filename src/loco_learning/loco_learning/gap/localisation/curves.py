@@ -65,8 +65,8 @@ class Curve:
         NaN where nothing was compared; `evidence.LIMIT` where the model diverged.
         """
         rows = np.where(self.judged[:, None], self.measured, np.nan)
-        (found,) = evidence.whiten([rows], [getattr(self, which)], self.floor)
-        return found
+        (residual,) = evidence.whiten([rows], [getattr(self, which)], self.floor)
+        return residual
 
 
 @dataclass(frozen=True)
@@ -158,7 +158,7 @@ def curves(case: Case, before: Fitted, after: Fitted) -> Curves:
         before: The user's own model.
         after: The selected model.
     """
-    found = []
+    result = []
     for i, record in enumerate(case.records):
         measured, floor = case.forward.measured[i], case.floors[i]
         rows = _compared(measured)
@@ -166,16 +166,16 @@ def curves(case: Case, before: Fitted, after: Fitted) -> Curves:
         arrays = (record.t[: len(measured)], measured, *both, floor, case.held_rows[i])
         role = FIT if case.fit_rows[i].any() else HELD_OUT
         start = after.starts[i] if after.starts else np.zeros(0)
-        found.append(Curve(record.name, role, *(a[rows] for a in arrays), start))
+        result.append(Curve(record.name, role, *(a[rows] for a in arrays), start))
     channels = tuple((c.signal, c.name, c.unit) for c in case.forward.channels)
-    return Curves(channels, tuple(found))
+    return Curves(channels, tuple(result))
 
 
 def _compared(measured: np.ndarray) -> slice:
     """Rows that were compared, as an evenly spaced slice."""
-    known = np.flatnonzero(np.isfinite(measured).any(axis=1)).tolist()
-    every = gcd(*np.diff(known).tolist()) if len(known) > 1 else 1
-    return slice(known[0] % every, None, every) if known else slice(None)
+    samples = np.flatnonzero(np.isfinite(measured).any(axis=1)).tolist()
+    every = gcd(*np.diff(samples).tolist()) if len(samples) > 1 else 1
+    return slice(samples[0] % every, None, every) if samples else slice(None)
 
 
 def _predicted(measured: np.ndarray, whole: np.ndarray, floor: np.ndarray) -> np.ndarray:
@@ -192,11 +192,11 @@ def joined(air: Curves, ground: Curves) -> Curves:
 
 def _over(channels: Sequence[tuple[str, str, str]], one: Curves) -> list[Curve]:
     """Records with columns for more channels; NaN and a floor of 1 where a record has none."""
-    found = []
+    selected = []
     for r in one.records:
         blank = {key: np.full((len(r.t), len(channels)), np.nan) for key in _KEYS[:3]}
         arrays = {**blank, "floor": np.ones((len(r.t), len(channels)))}
         for key, wide in arrays.items():
             wide[:, [channels.index(c) for c in one.channels]] = getattr(r, key)
-        found.append(replace(r, **arrays))
-    return found
+        selected.append(replace(r, **arrays))
+    return selected

@@ -49,8 +49,8 @@ def mawe(curve: Curve, column: int, which: str, window: float = WINDOW) -> Error
     """Mean absolute error with the time shift that minimises it [unit of the channel]."""
     measured, model = curve.measured[:, column], getattr(curve, which)[:, column]
     dt = (curve.t[-1] - curve.t[0]) / max(1, len(curve.t) - 1)
-    most = min(int(window / dt + 1e-9), len(measured) // 4)
-    shifts = sorted(range(-most, most + 1), key=lambda s: (abs(s), s))
+    max_shift = min(int(window / dt + 1e-9), len(measured) // 4)
+    shifts = sorted(range(-max_shift, max_shift + 1), key=lambda s: (abs(s), s))
     each = [np.abs(measured - _shifted(model, s)) for s in shifts]
     means = [float(np.mean(e[np.isfinite(e)])) if np.isfinite(e).any() else np.inf for e in each]
     return _interval(each[int(np.argmin(means))], f"mawe {curve.name} {column}", lambda x: x)
@@ -92,6 +92,6 @@ def error_rows(curves: Curves) -> list[list[str]]:
                 str(mawe(curve, c, which)).replace(" (", f" {unit} (", 1)
                 for which in ("before", "after")
             ]
-            plain = [str(nrmse(curve, c, which)) for which in ("before", "after")]
-            rows.append([curve.name, curve.role, curves.label(c), *plain, *windowed])
+            pointwise = [str(nrmse(curve, c, which)) for which in ("before", "after")]
+            rows.append([curve.name, curve.role, curves.label(c), *pointwise, *windowed])
     return rows

@@ -46,11 +46,11 @@ def spectrum(t: np.ndarray, y: np.ndarray, bins: int = 120) -> tuple[np.ndarray,
     Returns:
         Centre frequencies [Hz] and amplitudes [unit of y] of all bands with spectral lines.
     """
-    known = np.isfinite(y)
-    if known.sum() < 8:
+    valid = np.isfinite(y)
+    if valid.sum() < 8:
         return np.zeros(0), np.zeros(0)
-    mean = float(np.mean(y[known]))
-    centred = np.where(known, y - mean, 0.0) * np.hanning(len(y))
+    mean = float(np.mean(y[valid]))
+    centred = np.where(valid, y - mean, 0.0) * np.hanning(len(y))
     amplitude = 2.0 * np.abs(np.fft.rfft(centred))[1:] / np.hanning(len(y)).sum()
     f = np.fft.rfftfreq(len(y), (t[-1] - t[0]) / (len(t) - 1))[1:]
     edges = np.geomspace(f[0] * 0.999, f[-1] * 1.001, bins + 1)
@@ -65,19 +65,19 @@ def spectrum(t: np.ndarray, y: np.ndarray, bins: int = 120) -> tuple[np.ndarray,
 def channels(curves: Curves) -> Chart:
     """Gap of every channel in noise floors, before and after."""
     ratio = {k: np.maximum(curves.floors(k), FAINT) for k in ("before", "after")}
-    shown = [c for c in range(len(curves.channels)) if np.isfinite(ratio["before"][c])][::-1]
-    rows, gap = np.arange(len(shown)), np.full(len(shown), np.nan)
-    before, after = ratio["before"][shown], ratio["after"][shown]
+    selected = [c for c in range(len(curves.channels)) if np.isfinite(ratio["before"][c])][::-1]
+    rows, gap = np.arange(len(selected)), np.full(len(selected), np.nan)
+    before, after = ratio["before"][selected], ratio["after"][selected]
     between = np.column_stack([before, after, gap]).ravel()
     layers = [
         line("change", between, np.column_stack([rows, rows, gap]).ravel(), MEASURED, size=2.0),
         dots("before", before, rows, BEFORE, size=4.5),
         dots("after", after, rows, AFTER, size=4.5),
-        line("noise floor", [1.0, 1.0], [-0.5, len(shown) - 0.5], FLOOR, shape=DASHED, size=0.8),
+        line("noise floor", [1.0, 1.0], [-0.5, len(selected) - 0.5], FLOOR, shape=DASHED, size=0.8),
     ]
     x = Axis("rms of what the model misses [noise floors]", logarithmic=True)
-    y = Axis("channel", names=[curves.label(c) for c in shown])
-    return Chart([Frame(x, y, layers, height=70 + 24 * len(shown))])
+    y = Axis("channel", names=[curves.label(c) for c in selected])
+    return Chart([Frame(x, y, layers, height=70 + 24 * len(selected))])
 
 
 def worst_record(curves: Curves, columns: list[int]) -> Curve:

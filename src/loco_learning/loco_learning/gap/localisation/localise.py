@@ -129,20 +129,20 @@ def split(residual: np.ndarray, dt: float) -> list[tuple[str, np.ndarray, float]
         residual: Residual, (T,), NaN where not measured; at least one value is known.
         dt: Time between rows [s].
     """
-    known = np.flatnonzero(np.isfinite(residual))
-    every = int(np.median(np.diff(known))) if len(known) > 1 else 1
-    grid = np.arange(known[0], known[-1] + 1, every)
-    values = np.interp(grid, known, residual[known])
+    samples = np.flatnonzero(np.isfinite(residual))
+    every = int(np.median(np.diff(samples))) if len(samples) > 1 else 1
+    grid = np.arange(samples[0], samples[-1] + 1, every)
+    values = np.interp(grid, samples, residual[samples])
     rate = 1.0 / (every * dt)
     spectrum, hertz = np.fft.rfft(values), np.fft.rfftfreq(len(grid), 1.0 / rate)
     index = np.searchsorted([e for e in BANDS if e < 0.5 * rate], hertz, side="right")
-    found = []
+    bands = []
     for b, name in enumerate(band_names(rate)):
         part = np.full(len(residual), np.nan)
         low = np.fft.irfft(np.where(index == b, spectrum, 0.0), len(grid))
-        part[known] = np.interp(known, grid, low)
-        found.append((name, part, float(np.mean(index == b))))
-    return found
+        part[samples] = np.interp(samples, grid, low)
+        bands.append((name, part, float(np.mean(index == b))))
+    return bands
 
 
 def _add(
@@ -154,8 +154,8 @@ def _add(
     ranges: dict[str, tuple[float, float] | None],
 ) -> None:
     """Add the excess energy of one channel of one record to the cells."""
-    known = np.isfinite(residual)
-    if not known.any():
+    valid = np.isfinite(residual)
+    if not valid.any():
         return
     joint = channel.name if channel.signal in JOINT_SIGNALS else ""
     names, phase = phases(record, joint)
@@ -165,11 +165,11 @@ def _add(
         regions = (f"q < {low:.2g}", f"{low:.2g} < q < {high:.2g}", f"q > {high:.2g}")
         region = np.searchsorted([low, high], position(record, joint))
     parts = split(residual, record.dt)
-    whole = np.maximum(sum(part**2 for _, part, _ in parts), 1e-300)
+    total = np.maximum(sum(part**2 for _, part, _ in parts), 1e-300)
     for band, part, noise in parts:  # the energy of a sample is divided among bands, not over time
-        excess = residual**2 * part**2 / whole - noise
-        for p, r in sorted(set(zip(phase[known].tolist(), region[known].tolist(), strict=True))):
-            rows = known & (phase == p) & (region == r)
+        excess = residual**2 * part**2 / total - noise
+        for p, r in sorted(set(zip(phase[valid].tolist(), region[valid].tolist(), strict=True))):
+            rows = valid & (phase == p) & (region == r)
             key = (channel.name, channel.signal, names[p], band, regions[r])
             sums.add(key, block[rows], excess[rows])
 
@@ -208,5 +208,5 @@ def _ranked(
 
 
 def _shares(energy: np.ndarray) -> np.ndarray:
-    kept = np.maximum(energy, 0.0)
-    return kept / np.maximum(kept.sum(1, keepdims=True), 1e-300)
+    positive = np.maximum(energy, 0.0)
+    return positive / np.maximum(positive.sum(1, keepdims=True), 1e-300)

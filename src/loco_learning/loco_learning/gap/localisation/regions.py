@@ -70,15 +70,15 @@ def regions(
     total = sum(max(e, 0.0) for e in sums.values())
     ranked = sorted(energies, key=lambda name: (-sums[name], name))
     sliding = slides(channels)
-    found = []
+    result = []
     for joint in ranked[:joints]:
         unit = "m" if joint in sliding else "rad"
         held = [r for r in records if joint in r.joints]
         if len(held) == len(records) and sums[joint] > max(least * total, 0.0):
-            known = np.isfinite(energies[joint])
+            valid = np.isfinite(energies[joint])
             named, values = features(records, joint, unit)
-            found += of_joint(joint, energies[joint][known], named, values[known])
-    return found
+            result += of_joint(joint, energies[joint][valid], named, values[valid])
+    return result
 
 
 def features(
@@ -108,14 +108,14 @@ def of_joint(
     """Leaves of a tree on `values` (N, F) with a high density of `energy` (N,)."""
     total = max(float(energy.sum()), 1e-300)
     target = np.minimum(energy, np.quantile(energy, 0.99))
-    found = []
+    result = []
     scale = float(((target - target.mean()) ** 2).sum())
     for rows, limits in _leaves(target, values, np.arange(len(energy)), {}, scale, DEPTH):
         share, time = float(energy[rows].sum()) / total, len(rows) / len(energy)
         if limits and share >= 0.1 and share >= DENSE * time:
-            found.append(Region(joint, _words(limits, named), min(share, 1.0), time))
-    found.sort(key=lambda r: (-r.energy, r.words))
-    return found or [Region(joint, ("everywhere",), 1.0, 1.0)]
+            result.append(Region(joint, _words(limits, named), min(share, 1.0), time))
+    result.sort(key=lambda r: (-r.energy, r.words))
+    return result or [Region(joint, ("everywhere",), 1.0, 1.0)]
 
 
 def _leaves(
@@ -161,16 +161,16 @@ def _best(y: np.ndarray, x: np.ndarray, least: int) -> tuple[float, int, float] 
 def _words(
     limits: dict[int, tuple[float, float]], named: Sequence[tuple[str, str]]
 ) -> tuple[str, ...]:
-    words = []
+    labels = []
     for feature in sorted(limits):
         name, unit = named[feature]
         low, high = limits[feature]
         if not unit:
-            words.append(name if low > 0.0 else f"not {name}")
+            labels.append(name if low > 0.0 else f"not {name}")
         elif np.isinf(low):
-            words.append(f"{name} < {high:.2g} {unit}")
+            labels.append(f"{name} < {high:.2g} {unit}")
         elif np.isinf(high):
-            words.append(f"{name} > {low:.2g} {unit}")
+            labels.append(f"{name} > {low:.2g} {unit}")
         else:
-            words.append(f"{low:.2g} < {name} < {high:.2g} {unit}")
-    return tuple(words)
+            labels.append(f"{low:.2g} < {name} < {high:.2g} {unit}")
+    return tuple(labels)
