@@ -62,7 +62,7 @@ def convergence(result: Result) -> Figure:
     ax.set(xlabel="generation", ylabel=f"windowed error ({result.loss}) [{UNITS[result.loss]}]")
     ax.set(yscale="log", ylim=(0.8 * min(fit.error for fit in result.fits), 1.4 * before))
     fig.legend(loc="outside upper left", ncols=len(result.fits) + 1,
-                title="dots: 95 % of the way down")  # fmt: skip
+               title="dots: 95 % of the way down")  # fmt: skip
     return fig
 
 

@@ -42,8 +42,8 @@ def after(model: Model, air: Mapping[str, Any]) -> Model:
     """
     if air["verdict"] not in (NAMED, MORE, AMBIGUOUS):
         return model
-    found = air["model"]
-    return Model(found["robot"], dict(found["overrides"]), [dict(e) for e in found["effects"]])
+    fitted = air["model"]
+    return Model(fitted["robot"], dict(fitted["overrides"]), [dict(e) for e in fitted["effects"]])
 
 
 def joined(air: Mapping[str, Any], ground: Mapping[str, Any]) -> dict[str, Any]:
@@ -69,8 +69,8 @@ def joined(air: Mapping[str, Any], ground: Mapping[str, Any]) -> dict[str, Any]:
 
 def _both(air: str, ground: str) -> str:
     """Combined verdict: the less certain of the two; a stage without gap does not count."""
-    said = {air, ground} - {NO_GAP}
-    return next((v for v in (UNKNOWN, AMBIGUOUS, MORE, NAMED) if v in said), NO_GAP)
+    verdicts = {air, ground} - {NO_GAP}
+    return next((v for v in (UNKNOWN, AMBIGUOUS, MORE, NAMED) if v in verdicts), NO_GAP)
 
 
 def _without_twins(rows: Sequence[Any]) -> list[Any]:

@@ -71,43 +71,43 @@ def look(
         LocoError: The model cannot be simulated along the recordings.
     """
     params = params or GapParams()
-    tell = progress or (lambda share, stage: None)
-    tell(0.0, "looking at the set-up")
+    report = progress or (lambda share, stage: None)
+    report(0.0, "looking at the set-up")
     findings = family.look(model, records)
     if any(finding.stops for finding in findings):
         return plain(_setup(model, records, findings))
-    tell(0.1, "running the model as it is")
-    whole = Forward(model, records, ForwardParams(window=params.window))
-    robots = [whole.robot(i) for i in range(len(records))]
-    parts = _parts(records, _seconds(whole))
+    report(0.1, "running the model as it is")
+    forward = Forward(model, records, ForwardParams(window=params.window))
+    robots = [forward.robot(i) for i in range(len(records))]
+    parts = _parts(records, _seconds(forward))
     case = _case(Forward(model, parts, ForwardParams(window=params.window)), parts)
-    offered = offer(robots[0], case.signals, hints.find(case, robots[0]))
-    single = [h for h in offered if "*" not in h.place]  # effects on groups show in their joints
-    hypotheses, twins = separable(single)
+    offers = offer(robots[0], case.signals, hints.find(case, robots[0]))
+    single = [h for h in offers if "*" not in h.place]  # effects on groups show in their joints
+    hypotheses, rest = separable(single)
     fixed = all(robot.fixed_base for robot in robots)
-    bundled = bundles(robots[0], case.forward.channels, hypotheses, fixed)
-    tell(0.2, "trying every effect")
+    groups = bundles(robots[0], case.forward.channels, hypotheses, fixed)
+    report(0.2, "trying every effect")
     with pool.start(call, (case,), workers if workers > 1 else 0) as tasks:
-        found = visible.look(case, bundled, math.sqrt(LIMITS.explained**2 - 1.0), tasks)
-    tell(0.9, "timing the search")
-    ways = [_way(robot) for robot in robots]
+        results = visible.look(case, groups, math.sqrt(LIMITS.explained**2 - 1.0), tasks)
+    report(0.9, "timing the search")
+    bases = [_way(robot) for robot in robots]
     return plain(
         {
             "format": FORMAT,
             "robot": model.robot,
             "setup": [finding.plain() for finding in findings],
-            "recordings": [recording(r, way) for r, way in zip(records, ways, strict=True)],
+            "recordings": [recording(r, base) for r, base in zip(records, bases, strict=True)],
             "channels": [
                 {"signal": c.signal, "name": c.name, "unit": c.unit, "floor": floor}
                 for c, floor in zip(case.forward.channels, case.floor, strict=True)
             ],
-            "effects": [_row(one, robots[0]) for one in found],
+            "effects": [_row(one, robots[0]) for one in results],
             "not_tried": [
-                {"effect": name, "reason": why} for name, why in untried(robots[0], offered) + twins
+                {"effect": name, "reason": note} for name, note in untried(robots[0], offers) + rest
             ],
             "missing": missing(records, robots),
             "simulated_seconds": sum(r.duration for r in parts),
-            "search_seconds": _search(whole, len(bundled), params, max(1, workers)),
+            "search_seconds": _search(forward, len(groups), params, max(1, workers)),
         }
     )
 
@@ -117,12 +117,12 @@ def _setup(
 ) -> dict[str, Any]:
     """Contents of ``check.json`` if the set-up must be corrected first: no effect is tested."""
     robots = [Model(model.robot, {**model.overrides, **r.overrides}).make_robot() for r in records]
-    ways = [_way(robot) for robot in robots]
+    bases = [_way(robot) for robot in robots]
     return {
         "format": FORMAT,
         "robot": model.robot,
         "setup": [finding.plain() for finding in findings],
-        "recordings": [recording(r, way) for r, way in zip(records, ways, strict=True)],
+        "recordings": [recording(r, base) for r, base in zip(records, bases, strict=True)],
         "channels": [],
         "effects": [],
         "not_tried": [],
@@ -139,10 +139,10 @@ def recording(record: Record, way: str) -> dict[str, Any]:
     late = {}
     for i, joint in enumerate(record.driven if command is not None else ()):
         if joint in record.joints:
-            told = lags.rates(command[:, i], record.dt)
-            seen = lags.rates(q[:, record.joints.index(joint)], record.dt)
-            by, alike = lags.lag(told, seen, record.dt)
-            if alike > lags.LAG_IS_TOLD:
+            commanded = lags.rates(command[:, i], record.dt)
+            motion = lags.rates(q[:, record.joints.index(joint)], record.dt)
+            by, correlation = lags.lag(commanded, motion, record.dt)
+            if correlation > lags.LAG_IS_TOLD:
                 late[joint] = 1e3 * by
     return {
         "name": record.name,
@@ -162,42 +162,42 @@ def recording(record: Record, way: str) -> dict[str, Any]:
 
 def missing(records: Sequence[Record], robots: Sequence[Robot]) -> list[str]:
     """Deficiencies of the recordings for a search, a sentence each, the most important first."""
-    found, robot = [], robots[0]
+    notes, robot = [], robots[0]
     driven = {robot.joints[i] for i in robot.driven}
     measured = {joint for r in records for joint in r.joints}
     lost = [joint for joint in robot.joints if joint not in measured]
     if lost:
-        found.append(f"{_list(lost)}: position not measured; what happens there is told by the "
+        notes.append(f"{_list(lost)}: position not measured; what happens there is told by the "
                      "other joints alone")  # fmt: skip
-    still = []
+    unmoved = []
     for joint in robot.joints:
         travels = [
             (float(_travel(r.signals["q"])[r.joints.index(joint)]), r.resolution.get(("q", joint)))
             for r in records
             if joint in r.joints
         ]
-        enough = [max(STEPS * (step or 0.0), TURN) for _, step in travels]
-        if travels and all(way < least for (way, _), least in zip(travels, enough, strict=True)):
-            still.append(joint)
-    if still:
-        what = "no experiment moves it" if len(still) == 1 else "no experiment moves them"
-        drive = " (a spring alone holds it)" if not driven & set(still) else ""
-        found.append(f"{_list(still)}{drive}: {what} far enough to tell anything; `loco gap "
+        minima = [max(STEPS * (step or 0.0), TURN) for _, step in travels]
+        if travels and all(span < limit for (span, _), limit in zip(travels, minima, strict=True)):
+            unmoved.append(joint)
+    if unmoved:
+        what = "no experiment moves it" if len(unmoved) == 1 else "no experiment moves them"
+        drive = " (a spring alone holds it)" if not driven & set(unmoved) else ""
+        notes.append(f"{_list(unmoved)}{drive}: {what} far enough to tell anything; `loco gap "
                      "experiments` writes some that do")  # fmt: skip
     signals = {name for r in records for name in r.signals if r.has(name)}
     if "tau" not in signals:
-        found.append("no joint torques: an error of a torque and one of a mass are told apart by "
+        notes.append("no joint torques: an error of a torque and one of a mass are told apart by "
                      "the shape of the motion alone")  # fmt: skip
     if not all(r.fixed_base for r in robots):
         if "gyro" not in signals and "base_orientation" not in signals:
-            found.append("no IMU on a robot that is free: how its trunk moves is not known")
+            notes.append("no IMU on a robot that is free: how its trunk moves is not known")
         if not any(r.fixed_base for r in robots):
-            found.append("no recording in the air: what is in the joints is told apart from what "
+            notes.append("no recording in the air: what is in the joints is told apart from what "
                          "is at the feet more surely with one")  # fmt: skip
     if len(records) == 1:
-        found.append("one recording: its last third judges; a second one with another motion "
+        notes.append("one recording: its last third judges; a second one with another motion "
                      "judges better")  # fmt: skip
-    return found
+    return notes
 
 
 def _case(forward: Forward, records: list[Record]) -> Case:
@@ -250,9 +250,9 @@ def _way(robot: Robot) -> str:
 
 def _travel(q: np.ndarray) -> np.ndarray:
     """Range of the values of each column; NaN if it has no value."""
-    known = np.isfinite(q)
-    low, high = np.where(known, q, np.inf).min(axis=0), np.where(known, q, -np.inf).max(axis=0)
-    return np.where(known.any(axis=0), high - low, np.nan)
+    valid = np.isfinite(q)
+    low, high = np.where(valid, q, np.inf).min(axis=0), np.where(valid, q, -np.inf).max(axis=0)
+    return np.where(valid.any(axis=0), high - low, np.nan)
 
 
 def _search(forward: Forward, count: int, params: GapParams, workers: int) -> list[float]:
@@ -267,14 +267,14 @@ def _search(forward: Forward, count: int, params: GapParams, workers: int) -> li
     forward(only=[index])
     speed = (time.process_time() - began) / forward.records[index].duration
     fine = 1.0 / floors.finest(forward)
-    whole = sum(r.duration for r in forward.records)
+    total = sum(r.duration for r in forward.records)
     longest = max(r.duration for r in forward.records)
-    part = min(whole, max(params.screen_seconds, longest))
-    ready = (7.0 * fine + 1.0 + (7.0 if _rounds(forward.robot()) else 0.0)) * whole
+    part = min(total, max(params.screen_seconds, longest))
+    ready = (7.0 * fine + 1.0 + (7.0 if _rounds(forward.robot()) else 0.0)) * total
     screening = count * SIZES * part
-    rough = 2 * params.keep * (params.rough + 4) * part * fine
-    fits = params.finalists * (params.evaluations + 10) * whole * fine
-    level = screening + rough + fits
+    coarse = 2 * params.keep * (params.rough + 4) * part * fine
+    fits = params.finalists * (params.evaluations + 10) * total * fine
+    level = screening + coarse + fits
     seconds = [speed * (ready + n * level / workers) for n in (1, params.most_terms)]
     return [float(f"{s:.2g}") for s in seconds]
 
@@ -285,5 +285,5 @@ def _rounds(robot: Robot) -> bool:
 
 
 def _list(names: Sequence[str], most: int = 6) -> str:
-    more = f" and {len(names) - most} more" if len(names) > most else ""
-    return ", ".join(names[:most]) + more
+    suffix = f" and {len(names) - most} more" if len(names) > most else ""
+    return ", ".join(names[:most]) + suffix

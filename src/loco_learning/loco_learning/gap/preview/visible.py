@@ -148,8 +148,8 @@ def look(case: Case, bundles: Sequence[Bundle], shows: float, tasks: Jobs) -> li
         shows: Rms in one channel above which an effect is visible [floors].
         tasks: Pool of processes that run `fitting.search.call` with the case.
     """
-    jobs = [(try_bundle, (bundle, shows)) for bundle in bundles]
-    trials = [trial for found in tasks.ordered(jobs) for trial in found]
+    jobs = [(try_bundle, (group, shows)) for group in bundles]
+    trials = [trial for result in tasks.ordered(jobs) for trial in result]
     return _told(case, trials)
 
 
@@ -159,7 +159,7 @@ def try_bundle(case: Case, bundle: Bundle, shows: float) -> list[_Trial]:
     A hypothesis with which the robot cannot be built reports the reason.
     """
     base, channel_of = case.vector((), coarse=True), case.channel_of()
-    found = []
+    result = []
     for strength in bundle.hypotheses[0].strengths:
         trials = [
             _Trial(h, strength, mask, h.starts()[0][strength])
@@ -180,33 +180,33 @@ def try_bundle(case: Case, bundle: Bundle, shows: float) -> list[_Trial]:
                 trial.take(moved - base, channel_of, shows)
             if all(trial.done for trial in trials):
                 break
-        found += trials
-    return found
+        result += trials
+    return result
 
 
 def _told(case: Case, trials: Sequence[_Trial]) -> list[Visible]:
     """Results of the trials, with other effects of similar responses."""
     responses = [_unit(t) for t in trials]
-    found = []
-    for trial, mine in zip(trials, responses, strict=True):
+    rows = []
+    for trial, response in zip(trials, responses, strict=True):
         h, c = trial.hypothesis, trial.hypothesis.coordinates[trial.strength]
         prior = EFFECTS[h.effect].identity.priors.get(c.name)
-        typical, most = abs(c.size), abs(prior.high) if prior else math.inf
+        typical, high = abs(c.size), abs(prior.high) if prior else math.inf
         smallest = trial.smallest()
-        seen = YES if smallest <= typical else LARGE if smallest <= most else NO
-        channel, alike = "", set()
-        if seen != NO:
+        verdict = YES if smallest <= typical else LARGE if smallest <= high else NO
+        channel, similar = "", set()
+        if verdict != NO:
             channel = str(case.forward.channels[trial.best.channel])
-            alike = {
+            similar = {
                 t.hypothesis.effect
                 for t, other in zip(trials, responses, strict=True)
-                if other is not None and abs(float(mine @ other)) > SAME
+                if other is not None and abs(float(response @ other)) > SAME
             } - {h.effect}
-        found.append(
-            Visible(h.effect, h.variant, h.place, c.label, c.unit, smallest, typical, most, seen,
-                    channel, tuple(sorted(alike)), trial.failed)
+        rows.append(
+            Visible(h.effect, h.variant, h.place, c.label, c.unit, smallest, typical, high, verdict,
+                    channel, tuple(sorted(similar)), trial.failed)
         )  # fmt: skip
-    return found
+    return rows
 
 
 def _unit(trial: _Trial) -> np.ndarray | None:

@@ -52,7 +52,7 @@ class Joints:
 def joints_of(robot: Robot) -> Joints:
     """Amplitude and velocity limits of the driven joints."""
     description, fastest = Description(robot.urdf), velocities(robot.urdf)
-    rest, room, speed = [], [], []
+    rest, margin, speed = [], [], []
     for i in robot.driven:
         name, home = robot.joints[i], float(robot.standing[i])
         low, high = description.limits(name)
@@ -60,24 +60,24 @@ def joints_of(robot: Robot) -> Joints:
         if isinstance(drive, TorqueDrive):
             effort = float(robot.effort[i])
             rest.append(0.0)
-            room.append(min(TORQUE_SHARE * effort if math.isfinite(effort) else 1.0, math.pi))
+            margin.append(min(TORQUE_SHARE * effort if math.isfinite(effort) else 1.0, math.pi))
             speed.append(math.inf)
             continue
         rest.append(home)
-        room.append(min(ROOM_SHARE * min(high - home, home - low), MOST_ROOM))
+        margin.append(min(ROOM_SHARE * min(high - home, home - low), MOST_ROOM))
         limit = min(fastest.get(name, math.inf), getattr(drive, "no_load_speed", math.inf))
         speed.append(SPEED_SHARE * limit)
-    return Joints(*(np.array(values, dtype=float) for values in (rest, room, speed)))
+    return Joints(*(np.array(values, dtype=float) for values in (rest, margin, speed)))
 
 
 def velocities(urdf: str) -> dict[str, float]:
     """Velocity limit of each joint [rad/s or m/s] in a URDF."""
-    found = {}
+    result = {}
     for joint in ET.fromstring(urdf).iter("joint"):
         limit = joint.find("limit")
         if limit is not None and limit.get("velocity"):
-            found[joint.get("name", "")] = float(limit.get("velocity"))
-    return found
+            result[joint.get("name", "")] = float(limit.get("velocity"))
+    return result
 
 
 Maker = Callable[[Joints], tuple[float, dict[str, Any]]]  # duration and target
@@ -102,8 +102,8 @@ def _sweep(j: Joints, size: float, first: float, most: float, length: float) -> 
 
 
 def _target(j: Joints, **values: Any) -> dict[str, Any]:
-    found = {"offset": j.rest, "phase": np.zeros(1), "start_time": START, "ramp": 0.5, **values}
-    return {k: _rounded(v) for k, v in found.items()}
+    target = {"offset": j.rest, "phase": np.zeros(1), "start_time": START, "ramp": 0.5, **values}
+    return {k: _rounded(v) for k, v in target.items()}
 
 
 def _rounded(value: Any) -> Any:
@@ -189,17 +189,17 @@ def library(model: Model, notes: list[str] | None = None) -> list[Experiment]:
     """
     robot = model.make_robot()
     j = joints_of(robot)
-    found = []
+    result = []
     for name, make in MAKERS.items():
         if name == "in_turn" and len(j.rest) < 2:
             continue
         try:
-            found += _motions(model, name, make, j, robot.fixed_base)
+            result += _motions(model, name, make, j, robot.fixed_base)
         except LocoError as error:
             if notes is None:
                 raise
             notes.append(f"the experiment {name} is not possible: {error}")
-    return found + ([] if robot.fixed_base else [*_gaits(model, robot), *_drop(model, robot, j)])
+    return result + ([] if robot.fixed_base else [*_gaits(model, robot), *_drop(model, robot, j)])
 
 
 def _motions(model: Model, name: str, make: Maker, j: Joints, fixed_base: bool) -> list[Experiment]:
@@ -222,26 +222,26 @@ def _gentle(target: dict[str, Any]) -> dict[str, Any]:
     The robot should not fall: when front and hind legs move in opposite directions, its centre
     hardly moves.
     """
-    slow = {"end_frequency": min(target["end_frequency"], 3.0)} if "end_frequency" in target else {}
+    cap = {"end_frequency": min(target["end_frequency"], 3.0)} if "end_frequency" in target else {}
     size = target["amplitude"]
     signs = [1.0 if 2 * i < len(size) else -1.0 for i in range(len(size))]
     mirrored = [round(0.35 * s * a, 5) for s, a in zip(signs, size, strict=True)]
-    return {**target, "amplitude": mirrored, **slow}
+    return {**target, "amplitude": mirrored, **cap}
 
 
 def _gaits(model: Model, robot: Robot) -> list[Experiment]:
     """The robot's stored gaits, at lower and higher frequencies."""
-    found = []
+    experiments = []
     for name in gait_file.names():
         gait = gait_file.load(name)
         if gait.robot != robot.name:
             continue
-        for word, share in (("slow", 0.8), ("fast", 1.2)):
+        for suffix, share in (("slow", 0.8), ("fast", 1.2)):
             frequency = round(share * gait.target.frequency, 5)
             target = dataclasses.asdict(gait.target.replace(frequency=frequency))
             text = f"{name} at {frequency:g} Hz: contacts, masses and everything on the way"
-            found.append(_experiment(model, f"{name}_{word}", text, 8.0, target))
-    return found
+            experiments.append(_experiment(model, f"{name}_{suffix}", text, 8.0, target))
+    return experiments
 
 
 def _drop(model: Model, robot: Robot, j: Joints) -> list[Experiment]:

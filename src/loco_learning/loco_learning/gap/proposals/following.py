@@ -46,17 +46,17 @@ def following(model: Model, case: Case, judged: Judged, notes: list[str]) -> lis
         return []
     forward = Forward(case.forward.model, records)
     floors = _floors(case, forward, judged.best)
-    there, every = replace(case, forward=forward), list(range(len(records)))
-    said = [_said(there, m, every) for m in leading]
-    free = [_doubt(case, there, m, base, every) for m, base in zip(leading, said, strict=True)]
-    predictions, doubts = (
-        {r.name: [each[i] for each in both] for i, r in enumerate(records)} for both in (said, free)
+    extended, every = replace(case, forward=forward), list(range(len(records)))
+    runs = [_said(extended, m, every) for m in leading]
+    free = [_doubt(case, extended, m, base, every) for m, base in zip(leading, runs, strict=True)]
+    predictions, deviations = (
+        {r.name: [each[i] for each in both] for i, r in enumerate(records)} for both in (runs, free)
     )
     names, tau = [" + ".join(m.names) for m in leading], float(np.median(judged.best.score.tau))
     odds = {model.key: over.odds for model, over in judged.rivals}
-    likely = [1.0 / odds.get(m.key, 1.0) for m in leading]
+    weights = [1.0 / odds.get(m.key, 1.0) for m in leading]
     ranked = propose.rank(
-        predictions, names, floors, likely, doubts, tau, _worth(judged, leading, tau)
+        predictions, names, floors, weights, deviations, tau, _worth(judged, leading, tau)
     )
     return [
         {"experiment": p.experiment, "separates": list(p.separates), "odds": p.odds}
@@ -99,8 +99,8 @@ def _doubt(
         said: Predictions of the model.
         every: Indices of the experiments.
     """
-    known = sensitivities(case, model)[1]
-    columns, errors = [], iter(known.errors if known else ())
+    analysis = sensitivities(case, model)[1]
+    columns, errors = [], iter(analysis.errors if analysis else ())
     for index, (_, x) in enumerate(model.parts):
         for j, error in zip(range(len(x)), errors, strict=False):
             by = min(float(error), max(1.0, abs(x[j])))  # at most a typical size
@@ -131,8 +131,8 @@ def _worth(judged: Judged, leading: list[Fitted], tau: float) -> float:
 
 def _floors(case: Case, forward: Forward, best: Fitted) -> np.ndarray:
     """Floor times residual scale of the best model, for the channels of an experiment, (C,)."""
-    known = {
+    by_channel = {
         (c.signal, c.name): case.floor[i] * best.held.scale[i]
         for i, c in enumerate(case.forward.channels)
     }
-    return np.array([known.get((c.signal, c.name), np.inf) for c in forward.channels])
+    return np.array([by_channel.get((c.signal, c.name), np.inf) for c in forward.channels])

@@ -41,9 +41,9 @@ def alike(
         experiments: Experiments to choose from.
         robots: Robots with the base fixed or free as in the recordings.
     """
-    ways = {robot.fixed_base for robot in robots}
-    found = [e for e in experiments if _with(model, e).plant.fixed_base in ways]
-    return found or list(experiments)
+    bases = {robot.fixed_base for robot in robots}
+    matches = [e for e in experiments if _with(model, e).plant.fixed_base in bases]
+    return matches or list(experiments)
 
 
 def same_motion(experiment: Record, given: Record) -> bool:
@@ -52,9 +52,9 @@ def same_motion(experiment: Record, given: Record) -> bool:
     If the two have no kind of command in common, as with inverse dynamics, measured positions are
     compared.
     """
-    kinds = [kind for kind in experiment.command if kind in given.command]
-    if kinds:
-        sides = [(r.t, r.command[kinds[0]], r.driven) for r in (experiment, given)]
+    modes = [kind for kind in experiment.command if kind in given.command]
+    if modes:
+        sides = [(r.t, r.command[modes[0]], r.driven) for r in (experiment, given)]
     else:
         sides = [(r.t, bridged(r.signals["q"]), r.joints) for r in (experiment, given)]
     if set(sides[0][2]) != set(sides[1][2]):
@@ -70,16 +70,16 @@ def same_motion(experiment: Record, given: Record) -> bool:
 def _even(t: np.ndarray, values: np.ndarray, dt: float) -> np.ndarray:
     """Columns on an evenly spaced time axis, minus their means, (S, n)."""
     axis = np.arange(t[0], t[-1] + 0.5 * dt, dt)
-    found = np.column_stack([np.interp(axis, t, column) for column in values.T])
-    return found - found.mean(axis=0)
+    resampled = np.column_stack([np.interp(axis, t, column) for column in values.T])
+    return resampled - resampled.mean(axis=0)
 
 
 def _likeness(short: np.ndarray, long: np.ndarray) -> float:
     """Largest cosine of a motion and a part of a longer one, both (S, n)."""
     pairs = list(zip(short.T, long.T, strict=True))
     product = sum(correlate(b, a, mode="valid", method="fft") for a, b in pairs)
-    ones = np.ones(len(short))
-    energy = sum(correlate(b**2, ones, mode="valid", method="fft") for _, b in pairs)
+    window = np.ones(len(short))
+    energy = sum(correlate(b**2, window, mode="valid", method="fft") for _, b in pairs)
     size = np.sqrt(np.square(short).sum() * np.maximum(energy, 0.0))
     return float(np.max(product / np.maximum(size, 1e-12 + 1e-9 * np.max(size))))
 
@@ -110,15 +110,15 @@ def records(
     Raises:
         LocoError: The model cannot run an experiment, and `notes` is None.
     """
-    found = []
+    result = []
     for experiment in experiments:
         try:
-            found.append(record_of(rollout(_with(model, experiment)), experiment.name))
+            result.append(record_of(rollout(_with(model, experiment)), experiment.name))
         except LocoError as error:
             if notes is None:
                 raise
             notes.append(f"the experiment {experiment.name} is not possible: {error}")
-    return found
+    return result
 
 
 def _with(model: Model, experiment: Experiment) -> Experiment:
@@ -126,12 +126,12 @@ def _with(model: Model, experiment: Experiment) -> Experiment:
 
     The control period is a whole number of physics steps, as in a search, for any rates.
     """
-    made = experiment.replace(
+    adapted = experiment.replace(
         overrides={**model.overrides, **experiment.overrides},
         effects=tuple(dict(e) for e in model.effects),
     )
-    rate = running.steps_in(made.dt, made.sim_params.physics_rate) / made.dt
-    return made.replace(sim={**made.sim, "physics_rate": rate})
+    rate = running.steps_in(adapted.dt, adapted.sim_params.physics_rate) / adapted.dt
+    return adapted.replace(sim={**adapted.sim, "physics_rate": rate})
 
 
 def record_of(log: Log, name: str = "") -> Record:
@@ -142,11 +142,11 @@ def record_of(log: Log, name: str = "") -> Record:
     kind = "torque" if torque else "position"
     signals = {"q": log.q, "dq": log.dq, "tau": log.tau}
     signals |= {"gyro": log.gyro, "acceleration": log.acceleration}
-    known = {k: v for k, v in log.experiment.overrides.items() if k in ("fixed_base", "height")}
+    overrides = {k: v for k, v in log.experiment.overrides.items() if k in ("fixed_base", "height")}
     command = {kind: log.command} if torque else {kind: log.command, "velocity": log.command_dq}
     return Record(
         name or log.experiment.name, log.t - log.t[0], command, driven,
-        {k: np.array(v) for k, v in signals.items()}, robot.joints, overrides=known,
+        {k: np.array(v) for k, v in signals.items()}, robot.joints, overrides=overrides,
     )  # fmt: skip
 
 
@@ -179,15 +179,15 @@ def within_limits(experiment: Experiment) -> Experiment:
     Raises:
         ParameterError: The smallest motion violates a limit.
     """
-    why = ""
+    reason = ""
     for _ in range(TRIES):
         try:
-            why = beyond(rollout(experiment))
+            reason = beyond(rollout(experiment))
         except DivergedError as error:
-            why = str(error)
-        if not why:
+            reason = str(error)
+        if not reason:
             return experiment
         target = experiment.target
         smaller = tuple(round(SHRINK * a, 5) for a in target.amplitude)
         experiment = experiment.replace(target=target.replace(amplitude=smaller))
-    raise ParameterError(f"{experiment.name} is not possible within the robot's limits: {why}")
+    raise ParameterError(f"{experiment.name} is not possible within the robot's limits: {reason}")

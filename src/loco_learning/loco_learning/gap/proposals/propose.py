@@ -59,22 +59,22 @@ def rank(
     p = np.ones(len(names)) if probabilities is None else np.asarray(probabilities, dtype=float)
     p = p / p.sum()
     prior = np.log(np.maximum(p, 1e-12))
-    found = []
+    proposals = []
     for experiment, values in predictions.items():
         columns = sensitivities[experiment] if sensitivities else [None] * len(names)
         power = _powers([v / floor for v in values], columns, floor, prior, tau / worth)
-        nearest = power.min(1)
+        lowest = power.min(1)
         order = np.argsort(-p, kind="stable")
         rival = int(power[order[0]].argmin())
-        found.append(
+        proposals.append(
             Proposal(
                 experiment,
                 (names[order[0]], names[rival]),
-                float(min(math.exp(min(nearest[order[0]], 700.0)), evidence.MOST_ODDS)),
-                float(p @ nearest),
+                float(min(math.exp(min(lowest[order[0]], 700.0)), evidence.MOST_ODDS)),
+                float(p @ lowest),
             )
         )
-    return sorted(found, key=lambda x: (-x.value, x.experiment))
+    return sorted(proposals, key=lambda x: (-x.value, x.experiment))
 
 
 def expected(
@@ -92,11 +92,11 @@ def expected(
             a difference in their span counts less.
         tau: Correlation time of the expected residual [samples].
     """
-    known = np.isfinite(a) & np.isfinite(b)
-    z = (a - b)[known] / math.sqrt(tau)
+    valid = np.isfinite(a) & np.isfinite(b)
+    z = (a - b)[valid] / math.sqrt(tau)
     energy = float(z @ z)
     if columns is not None and columns.shape[-1]:
-        j = np.nan_to_num(columns[known]) / math.sqrt(tau)
+        j = np.nan_to_num(columns[valid]) / math.sqrt(tau)
         g = j.T @ z
         energy -= float(g @ np.linalg.solve(np.eye(len(g)) + j.T @ j, g))
     return 0.5 * max(energy, 0.0)
@@ -119,6 +119,6 @@ def _powers(
             both = [c / floor[:, None] for c in (columns[i], columns[j]) if c is not None]
             free = np.concatenate(both, axis=2) if both else None
             gain = expected(values[i], values[j], free, tau)
-            spread = math.sqrt(2.0 * gain)  # of a likelihood ratio under normal noise
-            power[i, j] = math.log(evidence.odds(gain, spread)) + prior[i] - prior[j]
+            deviation = math.sqrt(2.0 * gain)  # of a likelihood ratio under normal noise
+            power[i, j] = math.log(evidence.odds(gain, deviation)) + prior[i] - prior[j]
     return power

@@ -46,12 +46,12 @@ def records(name: str, tracks: Sequence[Track], robot: Robot, **about: Any) -> l
         ParameterError: The data contradict their description.
     """
     tracks = mended(tracks, about.pop("mend", ()))
-    made: list[str] = []
-    tracks = followed(tracks, robot, made)
-    pieces, notes = cuts.parts(name, tracks, checks.MIN_SAMPLES)
-    about["notes"] = (*about.get("notes", ()), *made, *notes)
-    names = [f"{name} part {i}" for i in range(1, len(pieces) + 1)] if len(pieces) > 1 else [name]
-    return [record(n, piece, robot, **about) for n, piece in zip(names, pieces, strict=True)]
+    couplings: list[str] = []
+    tracks = followed(tracks, robot, couplings)
+    parts, notes = cuts.parts(name, tracks, checks.MIN_SAMPLES)
+    about["notes"] = (*about.get("notes", ()), *couplings, *notes)
+    names = [f"{name} part {i}" for i in range(1, len(parts) + 1)] if len(parts) > 1 else [name]
+    return [record(n, part, robot, **about) for n, part in zip(names, parts, strict=True)]
 
 
 def record(
@@ -91,30 +91,30 @@ def record(
     checks.present(name, tracks, robot)
     if not trust_units:
         suspect.times(name, tracks)
-    told = list(notes)
+    messages = list(notes)
     if not trust_units:
         series.single(name, [track for track in tracks if not cuts.cut_rows([track])])
-    tracks = steady.steadied(checks.measured(name, tracks, told), told)
-    tracks = [_ordered(name, track, told) for track in tracks]
-    tracks = [observe.unwrapped(track, robot, told) for track in tracks]
+    tracks = steady.steadied(checks.measured(name, tracks, messages), messages)
+    tracks = [_ordered(name, track, messages) for track in tracks]
+    tracks = [observe.unwrapped(track, robot, messages) for track in tracks]
     tracks = _one_sheet(tracks)
     checks.moving(name, tracks)
     start, end = _overlap(name, tracks)
     rate = rate or _rate(tracks, robot)
     axis = _axis(tracks, start, end, rate)
     checks.long_enough(name, axis)
-    made = _fill(name, tracks, robot, axis)
-    made |= {"role": role, "overrides": dict(overrides or {}), "resolution": observe.steps(tracks),
+    data = _fill(name, tracks, robot, axis)
+    data |= {"role": role, "overrides": dict(overrides or {}), "resolution": observe.steps(tracks),
              "stamps": observe.stamps(tracks), "simulated": simulated,
              "trusted": trust_units}  # fmt: skip
-    told += observe.notes(tracks, rate, CUTS.silence)
+    messages += observe.notes(tracks, rate, CUTS.silence)
     if simulated > FINE_STEP:
-        told.append(STEPS.format(1e3 * simulated))
-    result = Record(name, axis - axis[0], **made)
+        messages.append(STEPS.format(1e3 * simulated))
+    result = Record(name, axis - axis[0], **data)
     if judge and not trust_units:
         suspect.units(result, robot)
-    made |= {"notes": (*told, *lags.notes(result)), "warnings": tuple(lags.warnings(result))}
-    return Record(name, result.t, **made)
+    data |= {"notes": (*messages, *lags.notes(result)), "warnings": tuple(lags.warnings(result))}
+    return Record(name, result.t, **data)
 
 
 def _ordered(name: str, track: Track, told: list[str]) -> Track:
@@ -128,9 +128,9 @@ def _ordered(name: str, track: Track, told: list[str]) -> Track:
             "in one file? Cut them with rows: [first, stop]"
         )
     t, first = np.unique(track.t, return_index=True)
-    odd = len(track.t) - len(t)
-    if odd:
-        _tell(told, Doubt(f"{odd} samples with the stamp of another were left out"))
+    duplicates = len(track.t) - len(t)
+    if duplicates:
+        _tell(told, Doubt(f"{duplicates} samples with the stamp of another were left out"))
     if np.any(np.diff(track.t) < 0.0):
         late = int(np.sum(np.diff(track.t) < 0.0))
         row = int(np.argmin(np.diff(track.t)))
@@ -152,8 +152,8 @@ def _one_sheet(tracks: list[Track]) -> list[Track]:
             x = np.stack([k.x for k in parts], axis=1)
             flips = np.sum(x[1:] * x[:-1], axis=1) < 0.0
             sign = np.cumprod(np.concatenate([[1.0], np.where(flips, -1.0, 1.0)]))
-            turned = [replace(k, x=sign * k.x) for k in parts]
-            tracks = [k for k in tracks if k.role != role] + turned
+            flipped = [replace(k, x=sign * k.x) for k in parts]
+            tracks = [k for k in tracks if k.role != role] + flipped
     return tracks
 
 
@@ -169,20 +169,20 @@ def _needed(track: Track) -> bool:
 def _overlap(name: str, tracks: Sequence[Track]) -> tuple[float, float]:
     """First and last time that both angles and commands cover [s]."""
     spans = {}
-    for what, some in (
+    for what, group in (
         ("measured", [k for k in tracks if k.role == "q"]),
         ("commanded", [k for k in tracks if k.role.startswith("command_")]),
     ):
-        first, last = max(k.t[0] for k in some), min(k.t[-1] for k in some)
+        first, last = max(k.t[0] for k in group), min(k.t[-1] for k in group)
         if what == "commanded":  # the last command holds as long as the longest earlier one
-            last += max(1.5 * float(np.max(np.diff(k.t), initial=0.0)) for k in some)
+            last += max(1.5 * float(np.max(np.diff(k.t), initial=0.0)) for k in group)
         spans[what] = (float(first), float(last))
     start = max(first for first, _ in spans.values())
     end = min(last for _, last in spans.values())
     if not end > start:
-        said = " and ".join(f"{k} from {a:.3f} to {b:.3f} s" for k, (a, b) in spans.items())
+        listing = " and ".join(f"{k} from {a:.3f} to {b:.3f} s" for k, (a, b) in spans.items())
         raise ParameterError(
-            f"{name}: angles and commands have no time in common ({said}); are their clocks the "
+            f"{name}: angles and commands have no time in common ({listing}); are their clocks the "
             "same? In a bag, clock: log at the columns of both takes the times of logging"
         )
     return start, end
@@ -222,35 +222,35 @@ def _fill(
     driven = tuple(robot.joints[i] for i in robot.driven if robot.joints[i] in commanded)
     feet = tuple(f for f in robot.feet if any(k.place == f for k in tracks if k.role == "grf"))
     by = {(k.role, k.place): k for k in tracks}
-    made: dict[str, dict | tuple] = {"joints": joints, "driven": driven, "feet": feet}
-    made["command"] = {
+    data: dict[str, dict | tuple] = {"joints": joints, "driven": driven, "feet": feet}
+    data["command"] = {
         kind: _columns(by, f"command_{kind}", driven, axis, hold, 0.0)
         for kind in COMMANDS
         if any(role == f"command_{kind}" for role, _ in by)
     }
-    made["ramps"] = tuple(
-        kind for kind in made["command"] if any(k.line for k in tracks if k.role.endswith(kind))
+    data["ramps"] = tuple(
+        kind for kind in data["command"] if any(k.line for k in tracks if k.role.endswith(kind))
     )
-    made["inputs"] = {
+    data["inputs"] = {
         kind: _columns(by, kind, ("",), axis, hold, 1.0)[:, 0]
         for kind in INPUTS
         if (kind, "") in by
     }
-    made["stance"] = {
+    data["stance"] = {
         foot: hold(by["stance", foot], axis) for foot in robot.feet if ("stance", foot) in by
     }
     signals, guessed = {}, {}
     for role in (*JOINT_SIGNALS, *WIDTHS, "grf"):
-        places = joints if role in JOINT_SIGNALS else feet if role == "grf" else AXES[role]
+        names = joints if role in JOINT_SIGNALS else feet if role == "grf" else AXES[role]
         if any(r == role for r, _ in by):
-            signals[role] = _columns(by, role, places, axis, sample, np.nan)
+            signals[role] = _columns(by, role, names, axis, sample, np.nan)
         if role in signals and role in JOINT_SIGNALS:
-            guessed[role] = _columns(by, role, places, axis, lost, 0.0) > 0.0
+            guessed[role] = _columns(by, role, names, axis, lost, 0.0) > 0.0
     for role in ("orientation", "base_orientation"):
         if role in signals:
             signals[role] = _unit_length(name, role, signals[role])
     lossy = {role: flags for role, flags in guessed.items() if flags.any()}
-    return made | {"signals": signals, "guessed": lossy}
+    return data | {"signals": signals, "guessed": lossy}
 
 
 def _columns(
@@ -287,8 +287,8 @@ def sample(track: Track, axis: np.ndarray) -> np.ndarray:
     on = np.abs(axis - t[row]) <= EVEN * step
     share = np.where(on | (width <= 0.0), 0.0, (axis - t[row]) / np.where(width > 0.0, width, 1.0))
     value = x[row] + np.where(share > 0.0, share * (x[following] - x[row]), 0.0)
-    known = inside & (on | (width <= CUTS.silence * usual))
-    return np.where(known, value, np.nan)
+    valid = inside & (on | (width <= CUTS.silence * usual))
+    return np.where(valid, value, np.nan)
 
 
 def lost(track: Track, axis: np.ndarray) -> np.ndarray:
@@ -318,10 +318,10 @@ def _unit_length(name: str, role: str, quaternion: np.ndarray) -> np.ndarray:
         ParameterError: The values are no quaternions.
     """
     length = np.linalg.norm(quaternion, axis=1, keepdims=True)
-    known = np.isfinite(length[:, 0])
-    if np.any(np.abs(length[known] - 1.0) > 0.1):
-        worst = float(length[known][np.argmax(np.abs(length[known] - 1.0))][0])
+    valid = np.isfinite(length[:, 0])
+    if np.any(np.abs(length[valid] - 1.0) > 0.1):
+        extreme = float(length[valid][np.argmax(np.abs(length[valid] - 1.0))][0])
         raise ParameterError(
-            f"{name}: {role} must be quaternions x, y, z, w of length 1, one has {worst:.3f}"
+            f"{name}: {role} must be quaternions x, y, z, w of length 1, one has {extreme:.3f}"
         )
     return quaternion / length

@@ -25,9 +25,9 @@ def present(name: str, tracks: Sequence[Track], robot: Robot) -> None:
         ParameterError: The robot has no such joint or foot, or a role is missing or duplicated.
     """
     _no_strangers(name, tracks, robot)
-    seen: dict[tuple[str, str], str] = {}
+    sources: dict[tuple[str, str], str] = {}
     for track in tracks:
-        other = seen.setdefault((track.role, track.place), track.source)
+        other = sources.setdefault((track.role, track.place), track.source)
         if other != track.source:
             raise ParameterError(
                 f"{name}: {track.label} is given twice, by {other} and by {track.source}"
@@ -41,30 +41,30 @@ def present(name: str, tracks: Sequence[Track], robot: Robot) -> None:
             f"{name}: a command is missing (one of {', '.join(REQUIRED[1:])}); it has {listed}"
         )
     for index in robot.driven:
-        _commanded(name, robot.joints[index], set(seen), robot)
+        _commanded(name, robot.joints[index], set(sources), robot)
 
 
 def _no_strangers(name: str, tracks: Sequence[Track], robot: Robot) -> None:
-    for what, own in (("joint", robot.joints), ("foot", robot.feet)):
-        found = [t.place for t in tracks if ROLES[t.role][1] == what]
-        strangers = sorted(set(found) - set(own))
+    for what, allowed in (("joint", robot.joints), ("foot", robot.feet)):
+        names = [t.place for t in tracks if ROLES[t.role][1] == what]
+        strangers = sorted(set(names) - set(allowed))
         if strangers:
             plural = {"joint": "joints", "foot": "feet"}[what]
             raise ParameterError(
                 f"{name}: its {plural} {', '.join(strangers)} are not those of robot "
-                f"{robot.name!r} ({', '.join(own) or 'none'}); choose the robot that was "
+                f"{robot.name!r} ({', '.join(allowed) or 'none'}); choose the robot that was "
                 "measured, or name columns and joints in a mapping"
             )
 
 
 def _commanded(name: str, joint: str, seen: set[tuple[str, str]], robot: Robot) -> None:
     """Check that the joint has the command that its drive needs."""
-    kinds = [role for role in REQUIRED[1:] if (role, joint) in seen]
+    roles = [role for role in REQUIRED[1:] if (role, joint) in seen]
     needed = getattr(robot.drives.get(joint), "command", "position")
-    if f"command_{needed}" not in kinds:
+    if f"command_{needed}" not in roles:
         raise ParameterError(
             f"{name}: role command_{needed} of joint {joint} is missing, which robot "
-            f"{robot.name!r} drives by {needed}; this joint has {', '.join(kinds) or 'no command'}"
+            f"{robot.name!r} drives by {needed}; this joint has {', '.join(roles) or 'no command'}"
         )
 
 
@@ -74,29 +74,29 @@ def measured(name: str, tracks: Sequence[Track], told: list[str]) -> list[Track]
     Raises:
         ParameterError: Some values are not finite, or a required track has no finite value.
     """
-    kept = []
+    retained = []
     for track in tracks:
-        bad = ~np.isfinite(track.x) | ~np.isfinite(track.t)
-        if len(track.x) and not bad.any():
-            kept.append(track)
+        nan = ~np.isfinite(track.x) | ~np.isfinite(track.t)
+        if len(track.x) and not nan.any():
+            retained.append(track)
             if track.empty:
                 told.append(
                     f"{track.label}: {len(track.x)} readings, each on its own stamp; "
                     f"{track.empty} empty cells are none"
                 )
-        elif bad.all() and track.role not in REQUIRED:
+        elif nan.all() and track.role not in REQUIRED:
             told.append(f"{track.label} has no values and counts as not measured")
-        elif bad.all():
-            what = "only NaN" if len(bad) else "no samples in the rows and times asked for"
+        elif nan.all():
+            what = "only NaN" if len(nan) else "no samples in the rows and times asked for"
             raise ParameterError(f"{name}: {track.label} has {what} ({track.source})")
         else:
-            row = int(np.argmax(bad))
+            row = int(np.argmax(nan))
             what = "values" if np.isfinite(track.t[row]) else "stamps"
             raise ParameterError(
-                f"{name}: {track.label} has {int(bad.sum())} {what} of {len(bad)} that are NaN or "
+                f"{name}: {track.label} has {int(nan.sum())} {what} of {len(nan)} that are NaN or "
                 f"infinite, the first in row {row} ({track.source}); leave those rows out"
             )
-    return kept
+    return retained
 
 
 def moving(name: str, tracks: Sequence[Track]) -> None:
@@ -106,14 +106,14 @@ def moving(name: str, tracks: Sequence[Track]) -> None:
         ParameterError: All positions are constant, or that of a joint with a changing command.
     """
     positions = [track for track in tracks if track.role == "q"]
-    still = [track for track in positions if np.ptp(track.x) == 0.0]
-    if len(still) == len(positions):
+    fixed = [track for track in positions if np.ptp(track.x) == 0.0]
+    if len(fixed) == len(positions):
         raise ParameterError(
-            f"{name}: the measured position of {', '.join(t.place for t in still)} is constant at "
-            f"{still[0].x[0]:g}: nothing moved, or this is the wrong column"
+            f"{name}: the measured position of {', '.join(t.place for t in fixed)} is constant at "
+            f"{fixed[0].x[0]:g}: nothing moved, or this is the wrong column"
         )
     commanded = {t.place for t in tracks if t.role == "command_position" and np.ptp(t.x) > 0.0}
-    for track in still:
+    for track in fixed:
         if track.place in commanded:
             raise ParameterError(
                 f"{name}: the measured position of {track.place} is constant at {track.x[0]:g} "

@@ -81,10 +81,10 @@ class _Tensors:
         Raises:
             ValueError: A command is not needed for a dictionary of tensors.
         """
-        for code, given, _ in pickletools.genops(commands):
+        for code, argument, _ in pickletools.genops(commands):
             if code.name == "STOP":
                 return self._stack.pop()
-            self._follow(code.name, given)
+            self._follow(code.name, argument)
         raise ValueError("it does not end")
 
     def _follow(self, command: str, given: Any) -> None:
@@ -147,12 +147,12 @@ class _Tensors:
         return self._last(len(self._stack) - self._marks.pop())
 
     def _tensor(self, storage: Any, offset: int, shape: Any, strides: Any, *_: Any) -> np.ndarray:
-        flat = np.frombuffer(self._files[f"{self._root}/data/{storage.key}"], storage.kind)
+        buffer = np.frombuffer(self._files[f"{self._root}/data/{storage.key}"], storage.kind)
         last = offset + sum((n - 1) * s for n, s in zip(shape, strides, strict=True))
-        if min((offset, *shape, *strides)) < 0 or (0 not in shape and last >= len(flat)):
-            raise ValueError(f"a tensor of shape {shape} reaches beyond its {len(flat)} numbers")
-        step = tuple(s * flat.itemsize for s in strides)
-        return np.lib.stride_tricks.as_strided(flat[offset:], shape, step, writeable=False)
+        if min((offset, *shape, *strides)) < 0 or (0 not in shape and last >= len(buffer)):
+            raise ValueError(f"a tensor of shape {shape} reaches beyond its {len(buffer)} numbers")
+        step = tuple(s * buffer.itemsize for s in strides)
+        return np.lib.stride_tricks.as_strided(buffer[offset:], shape, step, writeable=False)
 
 
 def _storage(place: Any) -> _Storage:
@@ -175,15 +175,15 @@ def torch_columns(path: Path) -> dict[str, np.ndarray]:
     try:
         files = packed.unzip(data)
         inside = next(name for name in files if name.endswith("/data.pkl"))
-        found = _Tensors(files, inside.rpartition("/")[0]).read(files[inside])
-        if not isinstance(found, dict):
+        content = _Tensors(files, inside.rpartition("/")[0]).read(files[inside])
+        if not isinstance(content, dict):
             raise ValueError("it must hold a dictionary of tensors by name")
-        columns = {k: v for k, v in found.items() if isinstance(v, np.ndarray) and v.ndim}
+        columns = {k: v for k, v in content.items() if isinstance(v, np.ndarray) and v.ndim}
         packed.check_room(sum(8 * values.size for values in columns.values()), len(data))
     except Exception as error:  # noqa: BLE001  (malformed commands raise any type)
-        why = " ".join(str(error).split())[:120] or type(error).__name__
+        reason = " ".join(str(error).split())[:120] or type(error).__name__
         raise ParameterError(
-            f"{path.name} is no file of tensors that torch.save wrote: {why}"
+            f"{path.name} is no file of tensors that torch.save wrote: {reason}"
         ) from None
     return spread(path, columns)
 
@@ -200,15 +200,15 @@ def spread(path: Path, columns: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
     count = sum(values.shape[1] if values.ndim > 1 else 1 for values in columns.values())
     if count > MOST_COLUMNS:
         raise ParameterError(f"{path.name} has {count} columns, at most {MOST_COLUMNS} are read")
-    found: dict[str, np.ndarray] = {}
+    result: dict[str, np.ndarray] = {}
     for name, values in columns.items():
         if values.ndim > 2:
             raise ParameterError(f"{path.name}: {name} has the shape {values.shape}, wanted (T, n)")
         if values.ndim == 1:
-            found[name] = values.astype(float)
+            result[name] = values.astype(float)
         else:
-            found |= {f"{name}[{i}]": values[:, i].astype(float) for i in range(values.shape[1])}
-    return found
+            result |= {f"{name}[{i}]": values[:, i].astype(float) for i in range(values.shape[1])}
+    return result
 
 
 def parquet_columns(path: Path) -> dict[str, np.ndarray]:
@@ -260,8 +260,8 @@ def _read_files(pipe: Connection) -> None:
 def _limit(what: int, most: float) -> None:
     """Lower a resource limit of this process; existing lower limits stay."""
     _, hard = resource.getrlimit(what)
-    wanted = int(most) + 1
-    resource.setrlimit(what, (wanted if hard == -1 else min(wanted, hard), hard))
+    limit = int(most) + 1
+    resource.setrlimit(what, (limit if hard == -1 else min(limit, hard), hard))
 
 
 def _read_parquet(data: bytes) -> dict[str, np.ndarray] | str:
@@ -302,8 +302,8 @@ def _is_number(kind: Any) -> bool:
 def _values(name: str, column: Any, inside: Any) -> np.ndarray:
     """Column of numbers (T,), or of lists of equal length (T, n); NaN for missing values."""
     compute = _arrow(".compute")
-    flat = column if inside is None else compute.list_flatten(column)
-    numbers = flat.cast(_arrow().float64(), safe=False).to_numpy(zero_copy_only=False)
+    elements = column if inside is None else compute.list_flatten(column)
+    numbers = elements.cast(_arrow().float64(), safe=False).to_numpy(zero_copy_only=False)
     if inside is None:
         return numbers
     sizes = compute.unique(compute.list_value_length(column))
@@ -319,12 +319,12 @@ def _named(path: Path, columns: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
         return columns
     features = _features(info)
     named = {feature: _flat(entry.get("names")) for feature, entry in features.items()}
-    known = {
+    labels = {
         f"{feature}[{i}]": f"{feature}[{name}]"
         for feature, names in named.items()
         for i, name in enumerate(names)
     }
-    return {known.get(name, name): values for name, values in columns.items()}
+    return {labels.get(name, name): values for name, values in columns.items()}
 
 
 @understood("description of a LeRobot dataset")

@@ -79,22 +79,22 @@ def load(path: str | Path, robot: Robot, mapping: Mapping, judge: bool = True) -
     """
     path = Path(path)
     if path.is_dir():
-        found = {p for pattern in mapping.files for p in path.glob(pattern) if tables.is_table(p)}
-        if not found:
+        paths = {p for pattern in mapping.files for p in path.glob(pattern) if tables.is_table(p)}
+        if not paths:
             raise MissingFileError(f"{path} has no file like {' or '.join(mapping.files)}")
     elif path.is_file():
-        found = {path}
+        paths = {path}
     else:
         raise MissingFileError(NO_RECORDING.format(path))
-    made = [
+    recordings = [
         record
-        for p in sorted(found)
+        for p in sorted(paths)
         for table in tables.episodes(tables.read(p, mapping.samples))
         for record in records(TableSource(p, mapping, table), robot, mapping, p.name, judge)
     ]
-    if not made:
+    if not recordings:
         raise ParameterError(f"no record of {mapping.path} fits {path}; see its 'records'")
-    return made
+    return recordings
 
 
 def records(
@@ -114,9 +114,9 @@ def records(
         LocoError: The mapping does not fit the columns, or their data are invalid.
     """
     rules = [rule for rule in mapping.records if fits(rule, file, source.header)]
-    found: list[Record] = []
+    result: list[Record] = []
     for i, rule in enumerate(rules):
-        first, *others = align.records(
+        first, *later = align.records(
             title(rule, source, i, len(rules)),
             tracks.locked(tracks.from_source(source, mapping, rule, robot), mapping.locked, robot),
             robot,
@@ -128,8 +128,8 @@ def records(
             mend=mapping.mend,
             judge=judge,
         )
-        found += [first.rested(-rule.rest), *others]  # after a cut, the robot was not at rest
-    return found
+        result += [first.rested(-rule.rest), *later]  # after a cut, the robot was not at rest
+    return result
 
 
 def title(rule: Rule, source: tracks.Source, part: int, parts: int) -> str:
@@ -138,9 +138,9 @@ def title(rule: Rule, source: tracks.Source, part: int, parts: int) -> str:
     Raises:
         ParameterError: The header lacks the field.
     """
-    plain = f"{source.name} {part + 1}" if parts > 1 else source.name
+    default = f"{source.name} {part + 1}" if parts > 1 else source.name
     try:
-        return rule.name.format_map(source.header) or plain
+        return rule.name.format_map(source.header) or default
     except (KeyError, ValueError, AttributeError, IndexError):
         raise ParameterError(
             f"the name {rule.name!r} of a record may have {{field}} for fields of the header "
@@ -151,7 +151,7 @@ def title(rule: Rule, source: tracks.Source, part: int, parts: int) -> str:
 def fits(rule: Rule, file: str, header: dict[str, Any]) -> bool:
     """True if the rule applies to this file."""
     return fnmatchcase(file, rule.file) and all(
-        header.get(field) in wanted for field, wanted in rule.where.items()
+        header.get(field) in allowed for field, allowed in rule.where.items()
     )
 
 
@@ -161,7 +161,7 @@ def overrides(mapping: Mapping, rule: Rule, header: dict[str, Any]) -> dict[str,
     Raises:
         ParameterError: The header lacks a field, or the field is not a number.
     """
-    known = mapping.overrides | rule.overrides
+    values = mapping.overrides | rule.overrides
     for field, entry in mapping.header.items():
         value = header.get(field)
         if isinstance(value, bool) or not isinstance(value, (int, float)):
@@ -169,8 +169,8 @@ def overrides(mapping: Mapping, rule: Rule, header: dict[str, Any]) -> dict[str,
                 f"header field {field!r} must be a number, got {value!r}; the header has "
                 f"{', '.join(header) or 'nothing'}"
             )
-        known[entry.override] = entry.scale * value + entry.offset
-    return known
+        values[entry.override] = entry.scale * value + entry.offset
+    return values
 
 
 def _stem(path: Path) -> str:

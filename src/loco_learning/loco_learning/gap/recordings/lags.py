@@ -21,7 +21,7 @@ RATE_TIME = 0.01  # width of the difference quotient of a derivative [s]
 
 def notes(record: Record) -> list[str]:
     """Delay of motion after command, and of velocities after angles, a sentence each."""
-    found = []
+    messages = []
     command = record.command.get("position")
     if command is not None and "q" in record.signals:
         pairs = [
@@ -29,13 +29,13 @@ def notes(record: Record) -> list[str]:
             for i, joint in enumerate(record.driven)
             if joint in record.joints
         ]
-        found += _tell("motion is behind the command by about", pairs, record.dt, clock=True)
+        messages += _tell("motion is behind the command by about", pairs, record.dt, clock=True)
     if "dq" in record.signals:
         pairs = [
             (rates(record.signals["q"][:, i], record.dt), record.signals["dq"][:, i])
             for i in range(len(record.joints))
         ]
-        found += _tell("measured velocity is behind that of the angle by", pairs, record.dt)
+        messages += _tell("measured velocity is behind that of the angle by", pairs, record.dt)
     torque = record.command.get("torque")
     if torque is not None and "tau" in record.signals:
         pairs = [
@@ -43,23 +43,23 @@ def notes(record: Record) -> list[str]:
             for i, joint in enumerate(record.driven)
             if joint in record.joints
         ]
-        found += _tell("measured torque is behind its command by", pairs, record.dt)
-    return found
+        messages += _tell("measured torque is behind its command by", pairs, record.dt)
+    return messages
 
 
 def warnings(record: Record) -> list[str]:
     """Joints whose motion is not correlated with their commanded position, a sentence each."""
-    command, found = record.command.get("position"), []
+    command, messages = record.command.get("position"), []
     for i, joint in enumerate(record.driven if command is not None else ()):
         if joint not in record.joints:
             continue
-        alike = following(command[:, i], _of(record, "q", joint), record.dt)
-        if alike < FOLLOWS:
-            found.append(
-                f"{joint} does not follow its commanded position (correlation {alike:.2f} at the "
+        corr = following(command[:, i], _of(record, "q", joint), record.dt)
+        if corr < FOLLOWS:
+            messages.append(
+                f"{joint} does not follow its commanded position (correlation {corr:.2f} at the "
                 "best lag): a wrong column, a drive that is off, or a joint that is held"
             )
-    return found
+    return messages
 
 
 def following(command: np.ndarray, q: np.ndarray, dt: float) -> float:
@@ -73,11 +73,11 @@ def following(command: np.ndarray, q: np.ndarray, dt: float) -> float:
     Returns:
         Correlation in [-1, 1]; 1 if one of the two hardly moves, so that nothing can be said.
     """
-    known = np.isfinite(q) & np.isfinite(command)
-    if known.sum() < 20 or np.ptp(command[known]) < 1e-9:
+    valid = np.isfinite(q) & np.isfinite(command)
+    if valid.sum() < 20 or np.ptp(command[valid]) < 1e-9:
         return 1.0
-    a = command - np.mean(command[known])
-    b = bridged(np.where(known, q, np.nan)) - np.mean(q[known])
+    a = command - np.mean(command[valid])
+    b = bridged(np.where(valid, q, np.nan)) - np.mean(q[valid])
     return float(np.max(_correlation(a, b, max(1, min(int(LONGEST_LAG / dt), len(a) // 3)))))
 
 
@@ -87,9 +87,9 @@ def _of(record: Record, signal: str, joint: str) -> np.ndarray:
 
 def rates(x: np.ndarray, dt: float) -> np.ndarray:
     """Central difference quotient over about `RATE_TIME`, without delay, (T,)."""
-    half = max(1, min(round(0.5 * RATE_TIME / dt), (len(x) - 1) // 2))
+    offset = max(1, min(round(0.5 * RATE_TIME / dt), (len(x) - 1) // 2))
     slope = np.full(len(x), np.nan)
-    slope[half:-half] = (x[2 * half :] - x[: -2 * half]) / (2.0 * half * dt)
+    slope[offset:-offset] = (x[2 * offset :] - x[: -2 * offset]) / (2.0 * offset * dt)
     return slope
 
 
@@ -101,11 +101,11 @@ def lag(
     The maximum of the cross-correlation, refined by a parabola through its neighbours. The
     correlation is 0 if it is nearly as high without a delay.
     """
-    known = np.isfinite(first) & np.isfinite(second)
-    if known.sum() < 20:
+    valid = np.isfinite(first) & np.isfinite(second)
+    if valid.sum() < 20:
         return 0.0, 0.0
-    inner = slice(int(np.argmax(known)), len(known) - int(np.argmax(known[::-1])))
-    a, b = (np.where(known, x - np.mean(x[known]), 0.0)[inner] for x in (first, second))
+    inner = slice(int(np.argmax(valid)), len(valid) - int(np.argmax(valid[::-1])))
+    a, b = (np.where(valid, x - np.mean(x[valid]), 0.0)[inner] for x in (first, second))
     if not np.any(a) or not np.any(b):
         return 0.0, 0.0
     reach = min(int(LONGEST_LAG / dt), len(a) // 3)
@@ -113,10 +113,10 @@ def lag(
     best = int(np.argmax(score))
     if not 0 < best < len(score) - 1 or score[reach] > sharp * score[best]:
         return 0.0, 0.0
-    left, here, right = score[best - 1 : best + 2]
-    bend = left - 2.0 * here + right
+    left, peak, right = score[best - 1 : best + 2]
+    bend = left - 2.0 * peak + right
     shift = 0.5 * (left - right) / bend if bend < 0.0 else 0.0
-    return (best - reach + shift) * dt, float(here)
+    return (best - reach + shift) * dt, float(peak)
 
 
 def _correlation(a: np.ndarray, b: np.ndarray, reach: int) -> np.ndarray:
@@ -140,13 +140,13 @@ def _correlation(a: np.ndarray, b: np.ndarray, reach: int) -> np.ndarray:
 
 def _tell(what: str, pairs: list, dt: float, clock: bool = False) -> list[str]:
     sharp = SHARP if clock else SHARPER
-    found = [lag(first, second, dt, sharp) for first, second in pairs]
-    sure = 1e3 * np.array([time for time, alike in found if alike > LAG_IS_TOLD])
-    if not len(sure) or np.max(np.abs(sure)) < 0.25e3 * dt:
+    estimates = [lag(first, second, dt, sharp) for first, second in pairs]
+    reliable = 1e3 * np.array([time for time, corr in estimates if corr > LAG_IS_TOLD])
+    if not len(reliable) or np.max(np.abs(reliable)) < 0.25e3 * dt:
         return []
-    text = f"{what} {np.median(sure):.1f} ms"
-    if len(sure) > 1:
-        text += f" (joints {np.min(sure):.1f} to {np.max(sure):.1f} ms)"
+    text = f"{what} {np.median(reliable):.1f} ms"
+    if len(reliable) > 1:
+        text += f" (joints {np.min(reliable):.1f} to {np.max(reliable):.1f} ms)"
     if clock:
         text += "; clock, drive and body are not told apart here and nothing was shifted"
     return [text]

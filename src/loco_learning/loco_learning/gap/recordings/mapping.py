@@ -361,11 +361,11 @@ def _rule(value: Any, index: int) -> Rule:
     if role not in (FIT, HELD_OUT):
         raise NameUnknownError(f"role in {where}", role, (FIT, HELD_OUT))
     rows = value.get("rows", [None, None])
-    whole = isinstance(rows, list) and all(r is None or (type(r) is int and r >= 0) for r in rows)
-    if not whole or len(rows) != 2 or (None not in rows and rows[0] >= rows[1]):
+    valid = isinstance(rows, list) and all(r is None or (type(r) is int and r >= 0) for r in rows)
+    if not valid or len(rows) != 2 or (None not in rows and rows[0] >= rows[1]):
         raise ParameterError(f"{where}.rows must be [first, stop], rows from 0, got {rows!r}")
     fields = _keys(value.get("where") or {}, None, f"{where}.where")
-    wanted = {str(k): tuple(v) if isinstance(v, list) else (v,) for k, v in fields.items()}
+    conditions = {str(k): tuple(v) if isinstance(v, list) else (v,) for k, v in fields.items()}
     limits = {}
     for key, name in (("from", "start"), ("to", "end")):
         if key in value:
@@ -380,7 +380,7 @@ def _rule(value: Any, index: int) -> Rule:
         rest=rest,
         name=str(value.get("name") or ""),
         file=str(value.get("file") or "*"),
-        where=wanted,
+        where=conditions,
         rows=tuple(rows),
         role=role,
         overrides=_keys(value.get("overrides") or {}, None, f"{where}.overrides"),
@@ -398,10 +398,10 @@ def _keys(value: Any, legal: tuple[str, ...] | None, where: str) -> dict[str, An
 
 
 def _list(values: dict[str, Any], key: str) -> list:
-    found = values.get(key) or []
-    if not isinstance(found, list):
-        raise ParameterError(f"{key} must be a list, got {found!r}")
-    return found
+    value = values.get(key) or []
+    if not isinstance(value, list):
+        raise ParameterError(f"{key} must be a list, got {value!r}")
+    return value
 
 
 def _missing(values: dict[str, Any], what: str) -> float | None:
@@ -410,14 +410,14 @@ def _missing(values: dict[str, Any], what: str) -> float | None:
 
 
 def _yes(values: dict[str, Any], key: str) -> bool:
-    found = values.get(key, False)
-    if not isinstance(found, bool):
-        raise ParameterError(f"{key} must be true or false, got {found!r}")
-    return found
+    value = values.get(key, False)
+    if not isinstance(value, bool):
+        raise ParameterError(f"{key} must be true or false, got {value!r}")
+    return value
 
 
 def _positive(value: Any, what: str) -> float:
-    found = units.number(value, what)
-    if found < 0.0:
+    result = units.number(value, what)
+    if result < 0.0:
         raise ParameterError(f"{what} must be above 0 Hz, got {value!r}")
-    return found
+    return result

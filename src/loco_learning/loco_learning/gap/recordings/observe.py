@@ -47,20 +47,20 @@ def notes(tracks: Sequence[Track], rate: float, gap: float) -> list[str]:
         rate: Rate of the common axis [Hz].
         gap: Smallest length of a gap, in sampling periods.
     """
-    found: list[str] = []
+    messages: list[str] = []
     axes: dict[bytes, list[Track]] = {}
     for track in tracks:
         axes.setdefault(track.t.tobytes(), []).append(track)
-    for some in axes.values():
-        found += _stamps(some, rate, gap)
+    for group in axes.values():
+        messages += _stamps(group, rate, gap)
     for track in tracks:
-        found += _saturated(track)
-    kinds = {(t.role, t.place): _step(t) or 0.0 for t in tracks}
-    for role in dict.fromkeys(role for role, _ in kinds):
-        sizes = [size for (r, _), size in kinds.items() if r == role and size > 0.0]
+        messages += _saturated(track)
+    resolutions = {(t.role, t.place): _step(t) or 0.0 for t in tracks}
+    for role in dict.fromkeys(role for role, _ in resolutions):
+        sizes = [size for (r, _), size in resolutions.items() if r == role and size > 0.0]
         if sizes:
-            found.append(f"{role} is quantised in steps of {max(sizes):.4g}")
-    return list(dict.fromkeys(found))
+            messages.append(f"{role} is quantised in steps of {max(sizes):.4g}")
+    return list(dict.fromkeys(messages))
 
 
 def steps(tracks: Sequence[Track]) -> dict[tuple[str, str], float]:
@@ -73,52 +73,52 @@ def steps(tracks: Sequence[Track]) -> dict[tuple[str, str], float]:
         for track in tracks
         if not track.role.startswith("command_") and track.role not in GIVEN
     ]
-    found = {(track.role, track.place): _step(track) for track in measured}
-    return {of: step for of, step in found.items() if step is not None}
+    sizes = {(track.role, track.place): _step(track) for track in measured}
+    return {of: step for of, step in sizes.items() if step is not None}
 
 
 def stamps(tracks: Sequence[Track]) -> dict[str, dict[str, float]]:
     """Sampling properties of the worst track of each role, see `Record.stamps`."""
-    found: dict[str, dict[str, float]] = {}
+    by_role: dict[str, dict[str, float]] = {}
     for track in tracks:
         step = np.diff(track.t)
         if len(step) < 2:
             continue
         usual = float(np.median(step))
         count = np.maximum(np.round(step / usual), 1.0)
-        off = np.median(np.abs(step - usual * count)) * DEVIATION / np.sqrt(2.0)  # of two stamps
-        one = {"rate": 1.0 / usual, "jitter_ms": 1e3 * float(off),
+        jitter = np.median(np.abs(step - usual * count)) * DEVIATION / np.sqrt(2.0)  # of two stamps
+        one = {"rate": 1.0 / usual, "jitter_ms": 1e3 * float(jitter),
                "missing": float(np.sum(count - 1.0)), "silence": float(step.max())}  # fmt: skip
-        worst = found.setdefault(track.role, one)
-        if (one["missing"], one["jitter_ms"]) > (worst["missing"], worst["jitter_ms"]):
-            found[track.role] = one
-    return found
+        current = by_role.setdefault(track.role, one)
+        if (one["missing"], one["jitter_ms"]) > (current["missing"], current["jitter_ms"]):
+            by_role[track.role] = one
+    return by_role
 
 
 def _stamps(tracks: Sequence[Track], rate: float, gap: float) -> list[str]:
     """Notes on pauses and jitter of tracks with common time stamps."""
-    found, t = [], tracks[0].t
+    messages, t = [], tracks[0].t
     step = np.diff(t)
     if len(step) < 2:
-        return found
+        return messages
     who = ", ".join(dict.fromkeys(track.role for track in tracks))
     usual = float(np.median(step))
     pauses = np.flatnonzero(step > gap * usual)
     if len(pauses) and not all(track.role.startswith("command_") for track in tracks):
-        worst = pauses[np.argmax(step[pauses])]
-        found.append(
+        longest = pauses[np.argmax(step[pauses])]
+        messages.append(
             Doubt(
-                f"{who}: {len(pauses)} pauses, the longest of {step[worst]:.3f} s at "
-                f"{t[worst] - t[0]:.2f} s; nothing is known there"
+                f"{who}: {len(pauses)} pauses, the longest of {step[longest]:.3f} s at "
+                f"{t[longest] - t[0]:.2f} s; nothing is known there"
             )
         )
     low, high = np.percentile(step, [5.0, 95.0])
     if high - low > 0.05 * usual:
-        found.append(
+        messages.append(
             f"{who}: uneven stamps, {1e3 * low:.2f} to {1e3 * high:.2f} ms apart, resampled at "
             f"{rate:.6g} Hz"
         )
-    return found
+    return messages
 
 
 def _step(track: Track) -> float | None:
@@ -134,8 +134,8 @@ def _step(track: Track) -> float | None:
     for parts in (1, 2, 3):
         step = float(np.min(between)) / parts
         step = float(np.sum(between) / np.sum(np.round(between / step)))
-        off = np.abs(between / step - np.round(between / step))
-        if step > finest and np.mean(off < 0.1) > 0.97:
+        remainder = np.abs(between / step - np.round(between / step))
+        if step > finest and np.mean(remainder < 0.1) > 0.97:
             return step
     return 0.0
 
@@ -146,12 +146,12 @@ def _saturated(track: Track) -> list[str]:
         return []
     if len(np.unique(track.x)) < LEVELS:
         return []
-    found, size = [], np.max(np.abs(track.x))
+    messages, size = [], np.max(np.abs(track.x))
     for what, limit in (("largest", np.max(track.x)), ("smallest", np.min(track.x))):
         at = track.x == limit
         edges = np.flatnonzero(np.diff(np.concatenate([[False], at, [False]])))
         longest = np.max(edges[1::2] - edges[::2])
         if np.mean(at) > CLIPPED and longest >= STUCK and abs(limit) > 0.5 * size:
             share = f"for {100.0 * np.mean(at):.1f} % of the time: cut off there?"
-            found.append(Doubt(f"{track.label} is at its {what} value {limit:.4g} {share}"))
-    return found
+            messages.append(Doubt(f"{track.label} is at its {what} value {limit:.4g} {share}"))
+    return messages

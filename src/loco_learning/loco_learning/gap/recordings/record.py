@@ -136,8 +136,8 @@ class Record:
             raise ParameterError(
                 f"{self.name} has no {kind} command; it has {', '.join(self.command) or 'none'}"
             )
-        wanted = [robot.joints[i] for i in robot.driven]
-        return self.command[kind][:, columns(self.name, wanted, self.driven, "commands", robot)]
+        names = [robot.joints[i] for i in robot.driven]
+        return self.command[kind][:, columns(self.name, names, self.driven, "commands", robot)]
 
     def read_of(self, robot: Robot, signal: str) -> np.ndarray:
         """As `joints_of`, with NaN also for values that are interpolated or assumed."""
@@ -165,8 +165,8 @@ class Record:
 
     def stance_of(self, feet: Sequence[str]) -> np.ndarray:
         """Flags of commanded stance in the order of `feet`, (T, feet) bool."""
-        ones = np.ones(len(self.t))
-        flags = [self.stance.get(foot, ones) > 0.5 for foot in feet]
+        default = np.ones(len(self.t))
+        flags = [self.stance.get(foot, default) > 0.5 for foot in feet]
         return np.array(flags, dtype=bool).reshape(len(feet), len(self.t)).T
 
     def rows(self, first: int, stop: int, name: str | None = None) -> Record:
@@ -226,8 +226,8 @@ class Record:
 
     def between(self, start: float, end: float, name: str | None = None) -> Record:
         """Samples from `start` to `end` [s], both included; time starts at 0 again."""
-        near = 1e-6 * self.dt
-        first, stop = np.searchsorted(self.t, [start - near, end + near])
+        tolerance = 1e-6 * self.dt
+        first, stop = np.searchsorted(self.t, [start - tolerance, end + tolerance])
         return self.rows(int(first), int(stop), name)
 
 
@@ -262,13 +262,13 @@ def bridged(values: np.ndarray) -> np.ndarray:
     columns = values.reshape(len(values), -1)
     rows, out = np.arange(len(values)), np.zeros(columns.shape)
     for k, column in enumerate(columns.T):
-        seen = np.isfinite(column)
-        if seen.any():
-            out[:, k] = np.interp(rows, rows[seen], column[seen])
+        valid = np.isfinite(column)
+        if valid.any():
+            out[:, k] = np.interp(rows, rows[valid], column[valid])
     return out.reshape(values.shape)
 
 
 def coarsest(records: Sequence[Record], signal: str, name: str) -> float:
     """Quantisation step of a channel in some records; that of its signal if unknown."""
-    known = [r.resolution[signal, name] for r in records if (signal, name) in r.resolution]
-    return max(known or [r.step(signal) for r in records])
+    resolutions = [r.resolution[signal, name] for r in records if (signal, name) in r.resolution]
+    return max(resolutions or [r.step(signal) for r in records])

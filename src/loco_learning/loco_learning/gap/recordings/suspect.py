@@ -109,8 +109,8 @@ def _of_both(record: Record, joint: str, says: str) -> Finding:
     q, command = _of(record, "q", joint), record.command.get("position")
     roles = ["q"]
     if command is not None and joint in record.driven:
-        told = command[:, record.driven.index(joint)]
-        if np.nanstd(told) > np.nanstd(q) / RATIO_FAR:
+        commanded = command[:, record.driven.index(joint)]
+        if np.nanstd(commanded) > np.nanstd(q) / RATIO_FAR:
             roles.append("command_position")
     mends = tuple(Change(MAPPING, UNIT, "deg", role, joint) for role in roles)
     return Finding("unit", (joint,), says, mends)
@@ -126,15 +126,15 @@ def _of_unit(
 
 def slope(x: np.ndarray, y: np.ndarray) -> tuple[float, float]:
     """Ratio of the standard deviations of y and x, signed by their correlation; correlation."""
-    known = np.isfinite(x) & np.isfinite(y)
-    if known.sum() < 20:
+    valid = np.isfinite(x) & np.isfinite(y)
+    if valid.sum() < 20:
         return 1.0, 0.0
-    x, y = x[known] - np.mean(x[known]), y[known] - np.mean(y[known])
+    x, y = x[valid] - np.mean(x[valid]), y[valid] - np.mean(y[valid])
     size = float(np.sqrt(np.sum(x * x) * np.sum(y * y)))
     if size == 0.0:
         return 1.0, 0.0
-    alike = float(np.sum(x * y)) / size
-    return float(np.copysign(np.std(y) / np.std(x), alike)), alike
+    correlation = float(np.sum(x * y)) / size
+    return float(np.copysign(np.std(y) / np.std(x), correlation)), correlation
 
 
 def _smooth(x: np.ndarray, width: int) -> np.ndarray:
@@ -149,11 +149,11 @@ def _velocity(record: Record, joint: str, turning: bool) -> Iterator[Finding]:
     if dq is None or q is None:
         return
     width = max(1, min(round(0.03 / record.dt), len(q) // 40))
-    ratio, alike = slope(_smooth(rates(q, record.dt), width), _smooth(dq, width))
-    if abs(alike) < 0.8:
+    ratio, correlation = slope(_smooth(rates(q, record.dt), width), _smooth(dq, width))
+    if abs(correlation) < 0.8:
         return
-    for known, meaning in RATIOS.items():
-        if abs(np.log(abs(ratio) / known)) < RATIO_NEAR and (turning or known in (1e3, 1e-3)):
+    for factor, meaning in RATIOS.items():
+        if abs(np.log(abs(ratio) / factor)) < RATIO_NEAR and (turning or factor in (1e3, 1e-3)):
             yield _of_unit(f"dq of {joint} is {abs(ratio):.3g} times the derivative of q: "
                            f"probably {meaning}", joint, *MEND.get(meaning, ()))  # fmt: skip
             return
@@ -171,13 +171,13 @@ def _command(record: Record, joint: str, description: Description) -> Iterator[F
     if command is None or q is None or joint not in record.driven:
         return
     command = command[:, record.driven.index(joint)]
-    spread = np.nanstd(command), np.nanstd(q)
-    if min(spread) == 0.0 or not 30.0 < max(spread) / min(spread) < 100.0:
+    std = np.nanstd(command), np.nanstd(q)
+    if min(std) == 0.0 or not 30.0 < max(std) / min(std) < 100.0:
         return
-    large, values = ("command_position", command) if spread[0] > spread[1] else ("q", q)
+    large, values = ("command_position", command) if std[0] > std[1] else ("q", q)
     if _beyond(values, joint, description):
         yield _of_unit(f"{large} of {joint} spans {np.nanmax(values) - np.nanmin(values):.3g} rad, "
-                       f"{max(spread) / min(spread):.0f} times the other: probably {large} is in "
+                       f"{max(std) / min(std):.0f} times the other: probably {large} is in "
                        "deg", joint, large, UNIT, "deg")  # fmt: skip
 
 
@@ -186,8 +186,8 @@ def _beyond(values: np.ndarray, joint: str, description: Description) -> bool:
     low, high = description.limits(joint)
     if not np.isfinite(high - low):
         low, high = -2.0 * np.pi, 2.0 * np.pi
-    room = 0.5 * (high - low) + 0.5
-    return bool(np.nanmax(values) > high + room or np.nanmin(values) < low - room)
+    margin = 0.5 * (high - low) + 0.5
+    return bool(np.nanmax(values) > high + margin or np.nanmin(values) < low - margin)
 
 
 def _limits(record: Record, joint: str, description: Description) -> Iterator[Finding]:
@@ -199,8 +199,8 @@ def _limits(record: Record, joint: str, description: Description) -> Iterator[Fi
     count = round(float(np.nanmedian(q)) / TURN)
     if count and not _beyond(q - TURN * count, joint, description):
         offset = Change(MAPPING, OFFSET, -TURN * count, "q", joint)
-        says = f"q of {joint} is {count} turns beyond its limits of {low:.3g} and {high:.3g}"
-        yield Finding("turns", (joint,), says, (offset,))
+        text = f"q of {joint} is {count} turns beyond its limits of {low:.3g} and {high:.3g}"
+        yield Finding("turns", (joint,), text, (offset,))
         return
     spans = f"q of {joint} goes from {np.nanmin(q):.3g} to {np.nanmax(q):.3g} rad, its limits " \
             f"are {low:.3g} and {high:.3g}"  # fmt: skip
@@ -214,18 +214,18 @@ def _torque(record: Record, robot: Robot) -> Iterator[Finding]:
     """Compare torques with the joint limit, and the measured torque with its command."""
     torque = record.command.get("torque")
     for joint in record.joints:
-        tau, told = _of(record, "tau", joint), None
+        tau, target = _of(record, "tau", joint), None
         if torque is not None and joint in record.driven:
-            told = torque[:, record.driven.index(joint)]
+            target = torque[:, record.driven.index(joint)]
         limit = robot.effort[robot.joints.index(joint)]
         limit = limit if limit > 0.0 else np.inf
-        large = [] if told is None else list(_size("command_torque", joint, told, limit, 4.0))
+        large = [] if target is None else list(_size("command_torque", joint, target, limit, 4.0))
         large += [] if tau is None else list(_size("tau", joint, tau, limit))
         yield from large
-        if tau is None or told is None or large:
+        if tau is None or target is None or large:
             continue
-        ratio, alike = slope(told, tau)
-        if alike > 0.9 and not 1.0 / RATIO_FAR < ratio < RATIO_FAR:
+        ratio, correlation = slope(target, tau)
+        if correlation > 0.9 and not 1.0 / RATIO_FAR < ratio < RATIO_FAR:
             milli = abs(np.log(ratio / 1e3)) < 0.3
             mend = (UNIT, "mN m") if milli else (SCALE, float(1.0 / ratio))
             yield _of_unit(f"tau of {joint} is {ratio:.3g} times command_torque: probably "
@@ -244,15 +244,15 @@ def _unsigned(record: Record) -> Iterator[Finding]:
         tau, q = _of(record, "tau", joint), _of(record, "q", joint)
         if tau is None or q is None:
             continue
-        asked = record.command[kind][:, i] - (q if kind == "position" else 0.0)
-        both = np.isfinite(tau) & np.isfinite(asked)
+        requested = record.command[kind][:, i] - (q if kind == "position" else 0.0)
+        both = np.isfinite(tau) & np.isfinite(requested)
         if both.sum() < 20 or np.any(tau[both] > 0.0) == np.any(tau[both] < 0.0):
             continue
-        large = 0.1 * np.max(np.abs(asked[both]))
-        ways = min(np.mean(asked[both] > large), np.mean(asked[both] < -large))
-        signed = abs(slope(asked, tau)[1])
-        size = slope(np.abs(asked), np.abs(tau))[1]
-        if ways > BOTH_WAYS and size > 0.7 and size > signed + 0.3:
+        large = 0.1 * np.max(np.abs(requested[both]))
+        balance = min(np.mean(requested[both] > large), np.mean(requested[both] < -large))
+        signed = abs(slope(requested, tau)[1])
+        size = slope(np.abs(requested), np.abs(tau))[1]
+        if balance > BOTH_WAYS and size > 0.7 and size > signed + 0.3:
             what = "command_torque" if kind == "torque" else "command minus q"
             yield _of_unit(f"tau of {joint} has one sign only, and follows the size of {what} "
                            f"(correlation {size:.2f}) but not its sign ({signed:.2f}): probably "
@@ -263,8 +263,8 @@ def _size(
     what: str, joint: str, values: np.ndarray, limit: float, beyond: float = 1.0
 ) -> Iterator[Finding]:
     """Torques many times the joint limit; `beyond` is an extra factor for commands."""
-    known = np.abs(values[np.isfinite(values)])
-    usual = float(np.percentile(known, 99.0)) if len(known) else 0.0
+    magnitudes = np.abs(values[np.isfinite(values)])
+    usual = float(np.percentile(magnitudes, 99.0)) if len(magnitudes) else 0.0
     if usual > 5.0 * beyond * limit:
         milli = usual > 100.0 * limit
         unit = "mN·m" if milli else "A or in counts"
@@ -287,8 +287,8 @@ def _imu(record: Record) -> Iterator[Finding]:
         usual = float(np.median(size)) if len(size) else 9.8
         for low, high, unit in ((0.75, 1.3, "g"), (750.0, 1300.0, "mg")):
             if low < usual < high:
-                says = f"acceleration is {usual:.3g} m/s² most of the time: probably {unit}"
-                yield _of_unit(says, "", "acceleration", UNIT, unit)
+                text = f"acceleration is {usual:.3g} m/s² most of the time: probably {unit}"
+                yield _of_unit(text, "", "acceleration", UNIT, unit)
     for role in ("orientation", "base_orientation"):
         q = record.signals.get(role)
         if q is not None and np.nanmedian(np.abs(q[:, 0])) > 0.9:

@@ -59,13 +59,13 @@ def episodes(table: Table) -> list[Table]:
     numbers = table.columns.get(foreign.EPISODE)
     if numbers is None:
         return [table]
-    found = []
+    result = []
     for number in np.unique(numbers[np.isfinite(numbers)]):
         rows = numbers == number
         columns = {name: values[rows] for name, values in table.columns.items()}
         header = {**table.header, foreign.EPISODE: int(number)}
-        found.append(Table(table.path, columns, header, table.texts))
-    return found
+        result.append(Table(table.path, columns, header, table.texts))
+    return result
 
 
 def is_table(path: Path) -> bool:
@@ -126,19 +126,19 @@ def _from_csv(path: Path, text: str) -> Table:
             "names of the columns"
         )
     cells = list(zip(*_padded(path, rows, len(names)), strict=True))
-    found: dict[str, np.ndarray] = {}
-    texts: dict[str, str] = {}
+    columns: dict[str, np.ndarray] = {}
+    messages: dict[str, str] = {}
     for name, values in zip(names, cells, strict=False):
-        if name in found or name in texts:
+        if name in columns or name in messages:
             raise ParameterError(f"{path.name} has two columns named {name!r}")
         try:
             if name and any(value.lstrip().startswith("[") for value in values[:1]):
-                found |= _lists(path, name, values)
+                columns |= _lists(path, name, values)
             elif name:
-                found[name] = _numbers(path, name, values, separator == ";")
+                columns[name] = _numbers(path, name, values, separator == ";")
         except ParameterError as error:
-            texts[name] = str(error)
-    return Table(path, found, texts=texts)
+            messages[name] = str(error)
+    return Table(path, columns, texts=messages)
 
 
 def _lists(path: Path, name: str, cells: Sequence[str]) -> dict[str, np.ndarray]:
@@ -182,15 +182,15 @@ def _numbers(path: Path, name: str, values: Sequence[str], comma: bool) -> np.nd
 
 
 def _number(path: Path, name: str, row: int, text: Any, comma: bool) -> float:
-    said = str(text).strip().lower()
-    if said in ("", "none", "null", "nan", "na"):
+    token = str(text).strip().lower()
+    if token in ("", "none", "null", "nan", "na"):
         return np.nan
-    if said in ("true", "false"):
-        return float(said == "true")
-    if comma and re.fullmatch(r"[-+]?\d*,\d+(e[-+]?\d+)?", said):
-        said = said.replace(",", ".")
+    if token in ("true", "false"):
+        return float(token == "true")
+    if comma and re.fullmatch(r"[-+]?\d*,\d+(e[-+]?\d+)?", token):
+        token = token.replace(",", ".")
     try:
-        return float(said)
+        return float(token)
     except ValueError:
         raise ParameterError(
             f"{path.name}: column {name!r} has {text!r} in row {row}, wanted is a number"
@@ -220,24 +220,24 @@ def _from_json(path: Path, value: Any, samples: str) -> Table:
     if not isinstance(rows, list) or not rows or not isinstance(rows[0], dict):
         raise ParameterError(f"{path.name} must hold a list of samples, each with named values")
     names = {name: None for row in rows for name in _flat(row)}
-    flat = [_flat(row) for row in rows]
-    lists = {name: [row.get(name) for row in flat] for name in names}
+    flattened = [_flat(row) for row in rows]
+    lists = {name: [row.get(name) for row in flattened] for name in names}
     return Table(path, _equal(path, lists), header)
 
 
 def _flat(row: dict[str, Any], prefix: str = "") -> dict[str, Any]:
     """Nested values and lists under dotted names and indices: ``imu.gyro[2]``."""
-    found: dict[str, Any] = {}
+    result: dict[str, Any] = {}
     for key, value in row.items():
         inside = value
         if isinstance(value, list):
             inside = {f"[{i}]": v for i, v in enumerate(value)}
         name = f"{prefix}{key}" if key.startswith("[") or not prefix else f"{prefix}.{key}"
         if isinstance(inside, dict):
-            found |= _flat(inside, name)
+            result |= _flat(inside, name)
         else:
-            found[name] = value
-    return found
+            result[name] = value
+    return result
 
 
 def _equal(path: Path, lists: dict[str, list]) -> dict[str, np.ndarray]:
@@ -245,9 +245,9 @@ def _equal(path: Path, lists: dict[str, list]) -> dict[str, np.ndarray]:
     lengths = {len(values) for values in lists.values()}
     if len(lengths) != 1:
         raise ParameterError(f"{path.name}: its columns have {sorted(lengths)} samples")
-    texts = {k for k, v in lists.items() if any(isinstance(x, (str, list)) for x in v)}
+    non_numeric = {k for k, v in lists.items() if any(isinstance(x, (str, list)) for x in v)}
     return {
         name: np.array([np.nan if x is None else float(x) for x in values])
         for name, values in lists.items()
-        if name not in texts
+        if name not in non_numeric
     }

@@ -81,28 +81,28 @@ def from_source(source: Source, mapping: Mapping, rule: Rule, robot: Robot) -> l
         LocoError: The source lacks a column.
     """
     types = Description(robot.urdf).joint_types()
-    found = []
+    tracks = []
     for column in of_joints(mapping, robot):
         _check_place(column, types)
         t, raw = source.series(column)
-        gone = np.full(len(raw), False) if column.missing is None else raw == column.missing
-        raw = np.where(gone, np.nan, raw)
+        missing = np.full(len(raw), False) if column.missing is None else raw == column.missing
+        raw = np.where(missing, np.nan, raw)
         x = values(column, raw, mapping.trust_units)
         if not column.file and not column.topic:
-            t, x, gone = (part[slice(*rule.rows)] for part in (t, x, gone))
-        empty = np.isnan(x) & (gone | (not column.topic))
-        if gone.any():
+            t, x, missing = (part[slice(*rule.rows)] for part in (t, x, missing))
+        empty = np.isnan(x) & (missing | (not column.topic))
+        if missing.any():
             label = f"{column.role} of {column.place}".removesuffix(" of ")
-            source.notes.append(_left_out(label, gone, column.missing))
+            source.notes.append(_left_out(label, missing, column.missing))
         if not empty.all():  # otherwise the column was not measured
             t, x = t[~empty], x[~empty]
         inside = (t >= rule.start) & (t <= rule.end) | ~np.isfinite(t)
         if column.role != UNUSED:
             label = f"column {column.column!r}"
             line = column.between == "line"
-            some = int((empty & ~gone).sum()) % max(len(empty), 1)
-            found.append(Track(column.role, column.place, t[inside], x[inside], label, line, some))
-    return found
+            lost = int((empty & ~missing).sum()) % max(len(empty), 1)
+            tracks.append(Track(column.role, column.place, t[inside], x[inside], label, line, lost))
+    return tracks
 
 
 def _left_out(label: str, gone: np.ndarray, value: float | None) -> Doubt:
@@ -121,14 +121,14 @@ def without(found: list[Track], value: float | None, notes: list[str]) -> list[T
         value: Position that means no reading; None keeps all.
         notes: List to which a sentence is appended for each joint.
     """
-    gone = {k.place: k.t[k.x == value] for k in found if k.role == "q" and value is not None}
-    made = []
+    dropped = {k.place: k.t[k.x == value] for k in found if k.role == "q" and value is not None}
+    result = []
     for track in found:
-        rows = np.isin(track.t, gone.get(track.place, ())) & (track.role in JOINT_SIGNALS)
+        rows = np.isin(track.t, dropped.get(track.place, ())) & (track.role in JOINT_SIGNALS)
         if rows.any() and track.role == "q":
             notes.append(_left_out(track.label, rows, value))
-        made.append(replace(track, t=track.t[~rows], x=track.x[~rows]) if rows.any() else track)
-    return made
+        result.append(replace(track, t=track.t[~rows], x=track.x[~rows]) if rows.any() else track)
+    return result
 
 
 def of_joints(mapping: Mapping, robot: Robot) -> list[Column]:
@@ -137,16 +137,16 @@ def of_joints(mapping: Mapping, robot: Robot) -> list[Column]:
     Raises:
         NameUnknownError: A pattern matches no joint.
     """
-    found = []
+    columns = []
     for column in mapping.columns:
         if JOINT not in column.column + column.topic + column.file:
-            found.append(column)
+            columns.append(column)
             continue
         for index in joint_index(robot.joints, column.place):
             joint = robot.joints[index]
             named = {key: getattr(column, key).replace(JOINT, joint) for key in NAMED}
-            found.append(replace(column, place=joint, **named))
-    return found
+            columns.append(replace(column, place=joint, **named))
+    return columns
 
 
 def locked(found: list[Track], held: dict[str, float], robot: Robot) -> list[Track]:
@@ -156,7 +156,7 @@ def locked(found: list[Track], held: dict[str, float], robot: Robot) -> list[Tra
         ParameterError: The robot has no such joint, its drive accepts torques, or the joint has
             a column of its own.
     """
-    made, clock = list(found), next((track for track in found if track.role == "q"), None)
+    result, clock = list(found), next((track for track in found if track.role == "q"), None)
     for joint, at in held.items():
         if joint not in robot.joints:
             raise NameUnknownError("joint for locked", joint, robot.joints)
@@ -168,9 +168,9 @@ def locked(found: list[Track], held: dict[str, float], robot: Robot) -> list[Tra
         if any(track.place == joint for track in found):
             raise ParameterError(f"locked: {joint} has columns of its own; leave one of them out")
         roles = ["q"] + ["command_position"] * (joint in robot.drives)
-        still = [] if clock is None else [(clock.t, np.full(len(clock.t), at))]
-        made += [Track(role, joint, t, x, "locked") for role in roles for t, x in still]
-    return made
+        constant = [] if clock is None else [(clock.t, np.full(len(clock.t), at))]
+        result += [Track(role, joint, t, x, "locked") for role in roles for t, x in constant]
+    return result
 
 
 def mended(found: Sequence[Track], mends: Sequence[Mend]) -> list[Track]:
@@ -179,22 +179,22 @@ def mended(found: Sequence[Track], mends: Sequence[Mend]) -> list[Track]:
     Raises:
         ParameterError: There is no signal that a correction names.
     """
-    made, renamed = list(found), dict[int, str]()
+    result, renamed = list(found), dict[int, str]()
     for mend in mends:
-        mine = [i for i, k in enumerate(made) if k.role == mend.role
+        rows = [i for i, k in enumerate(result) if k.role == mend.role
                 and mend.place in ("", k.place)]  # fmt: skip
-        if not mine:
+        if not rows:
             raise ParameterError(
                 f"mend: there is no {mend.role} of {mend.place or 'any place'}; there are "
-                f"{', '.join(dict.fromkeys(k.label for k in made)) or 'no signals'}"
+                f"{', '.join(dict.fromkeys(k.label for k in result)) or 'no signals'}"
             )
-        for i in mine:
-            x = made[i].x
+        for i in rows:
+            x = result[i].x
             x = periodic(x, mend.period) if mend.period else x
-            made[i] = replace(made[i], x=mend.gain * x + mend.offset)
+            result[i] = replace(result[i], x=mend.gain * x + mend.offset)
             if mend.other:
                 renamed[i] = mend.other
-    return [replace(k, place=renamed.get(i, k.place)) for i, k in enumerate(made)]
+    return [replace(k, place=renamed.get(i, k.place)) for i, k in enumerate(result)]
 
 
 def followed(found: Sequence[Track], robot: Robot, notes: list[str]) -> list[Track]:
@@ -205,16 +205,16 @@ def followed(found: Sequence[Track], robot: Robot, notes: list[str]) -> list[Tra
         robot: Robot that was measured.
         notes: List to which a sentence is appended for each such joint.
     """
-    made = list(found)
+    result = list(found)
     for joint, (leader, factor, offset) in robot.followers.items():
-        there = {track.role for track in found if track.place == joint}
-        led = [t for t in found if t.place == leader and t.role in COUPLED and t.role not in there]
-        for track in led:
+        roles = {track.role for track in found if track.place == joint}
+        lead = [t for t in found if t.place == leader and t.role in COUPLED and t.role not in roles]
+        for track in lead:
             shift = offset if track.role in COUPLED[:2] else 0.0
-            made.append(replace(track, place=joint, x=factor * track.x + shift))
-        if "q" in {track.role for track in led}:
+            result.append(replace(track, place=joint, x=factor * track.x + shift))
+        if "q" in {track.role for track in lead}:
             notes.append(f"{joint} was not recorded: made from {leader}, which it follows")
-    return made
+    return result
 
 
 def _check_place(column: Column, types: dict[str, str]) -> None:
@@ -258,19 +258,19 @@ def values(column: Column, raw: np.ndarray, trust: bool) -> np.ndarray:
 def _signed(column: Column, raw: np.ndarray) -> np.ndarray:
     """Signed numbers from unsigned ones (two's complement)."""
     span = 2.0 ** BITS[column.wrap]
-    known = raw[np.isfinite(raw)]
-    if np.any((known < 0) | (known >= span) | (known != np.round(known))):
+    finite = raw[np.isfinite(raw)]
+    if np.any((finite < 0) | (finite >= span) | (finite != np.round(finite))):
         raise ParameterError(
             f"column {column.column!r} has wrap {column.wrap} and must hold whole numbers from "
-            f"0 to {span - 1:.0f}; it has {known.min():g} to {known.max():g}"
+            f"0 to {span - 1:.0f}; it has {finite.min():g} to {finite.max():g}"
         )
     return np.where(raw >= span / 2.0, raw - span, raw)
 
 
 def _looks_unsigned(raw: np.ndarray) -> bool:
     """True for whole numbers near 0 and near 2^16, with none between them."""
-    known = raw[np.isfinite(raw)]
-    if not len(known) or known.min() < 0.0 or not 6e4 < known.max() < 65536.0:
+    finite = raw[np.isfinite(raw)]
+    if not len(finite) or finite.min() < 0.0 or not 6e4 < finite.max() < 65536.0:
         return False
-    low, high = np.mean(known < 2e4), np.mean(known > 45e3)
-    return bool(low > 0.0 and high > 0.0 and low + high > 0.999 and np.all(known % 1.0 == 0.0))
+    low, high = np.mean(finite < 2e4), np.mean(finite > 45e3)
+    return bool(low > 0.0 and high > 0.0 and low + high > 0.999 and np.all(finite % 1.0 == 0.0))

@@ -76,11 +76,11 @@ def unit(text: Any) -> str:
     Raises:
         NameUnknownError: The unit does not exist.
     """
-    said = str(text).strip()
-    found = said if said in UNITS else _SPELLINGS.get(said.lower(), said)
-    if found not in UNITS:
-        raise NameUnknownError("unit", said, UNITS)
-    return found
+    name = str(text).strip()
+    symbol = name if name in UNITS else _SPELLINGS.get(name.lower(), name)
+    if symbol not in UNITS:
+        raise NameUnknownError("unit", name, UNITS)
+    return symbol
 
 
 def dimension(text: Any) -> str:
@@ -133,7 +133,7 @@ def _evaluate(node: ast.AST) -> float:
 
 def periodic(x: np.ndarray, period: float) -> np.ndarray:
     """Values without jumps of a period between neighbours, (K,)."""
-    known = np.isfinite(x)
+    valid = np.isfinite(x)
     x = x.copy()
-    x[known] = np.unwrap(x[known], period=period)
+    x[valid] = np.unwrap(x[valid], period=period)
     return x

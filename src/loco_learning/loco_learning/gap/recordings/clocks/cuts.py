@@ -26,20 +26,20 @@ def parts(name: str, tracks: Sequence[Track], least: int) -> tuple[list[list[Tra
     Raises:
         ParameterError: The clocks of some signals were set back, those of others were not.
     """
-    pieces, notes = _set_back(name, tracks)
-    for piece in pieces:
-        notes += _pauses(piece)
-    pieces = [part for piece in pieces for part in _between_pauses(piece)]
-    sizes = [max((len(k.t) for k in part if k.role == "q"), default=0) for part in pieces]
+    segments, notes = _set_back(name, tracks)
+    for segment in segments:
+        notes += _pauses(segment)
+    segments = [part for segment in segments for part in _between_pauses(segment)]
+    sizes = [max((len(k.t) for k in part if k.role == "q"), default=0) for part in segments]
     brief = [size < least for size in sizes]
     if all(brief):
-        return pieces, notes
+        return segments, notes
     notes += [
         Doubt(f"part {i} has {size} readings, fewer than {least}, and was left out")
         for i, size in enumerate(sizes, 1)
         if size < least
     ]
-    return [part for part, short in zip(pieces, brief, strict=True) if not short], notes
+    return [part for part, short in zip(segments, brief, strict=True) if not short], notes
 
 
 def _set_back(name: str, tracks: Sequence[Track]) -> tuple[list[list[Track]], list[str]]:
@@ -54,51 +54,51 @@ def _set_back(name: str, tracks: Sequence[Track]) -> tuple[list[list[Track]], li
     clocks: dict[bytes, list[Track]] = {}
     for track in tracks:
         clocks.setdefault(track.t.tobytes(), []).append(track)
-    cuts = {stamps: cut_rows(some) for stamps, some in clocks.items()}
+    cuts = {stamps: cut_rows(group) for stamps, group in clocks.items()}
     first = max(cuts, key=lambda stamps: len(cuts[stamps]), default=b"")
     if not cuts.get(first):
         return [list(tracks)], []
     t, label = clocks[first][0].t, clocks[first][0].label
     jumps = [(t[row - 1], t[row]) for row in cuts[first]]
-    words = [
+    messages = [
         f"the time of {label} jumps back by {high - low:.6g} s at row {row}"
         for row, (high, low) in zip(cuts[first], jumps, strict=True)
     ]
-    found: list[list[Track]] = [[] for _ in range(len(jumps) + 1)]
+    segments: list[list[Track]] = [[] for _ in range(len(jumps) + 1)]
     for track in tracks:
         rows = cuts[track.t.tobytes()] or _between(track.t, jumps)
         if len(rows) != len(jumps):
             raise ParameterError(
-                f"{name}: {words[0]}, that of {track.label} does not: are there several "
+                f"{name}: {messages[0]}, that of {track.label} does not: are there several "
                 "experiments in one file, or clocks of two machines? Cut them with rows: "
                 "[first, stop], or leave the stretch out with from and to"
             )
-        for part, start, stop in zip(found, [0, *rows], [*rows, len(track.t)], strict=True):
+        for part, start, stop in zip(segments, [0, *rows], [*rows, len(track.t)], strict=True):
             part.append(replace(track, t=track.t[start:stop], x=track.x[start:stop]))
-    return found, [Doubt(f"{text}: cut there") for text in words]
+    return segments, [Doubt(f"{text}: cut there") for text in messages]
 
 
 def _pauses(tracks: Sequence[Track]) -> list[str]:
     """A sentence for each pause of angles and commands."""
     first = next((k for k in tracks if k.role == "q"), None)
-    found = []
+    notes = []
     for start, stop in pauses(tracks):
         row = int(np.sum(first.t <= start)) if first else 0
-        found.append(
+        notes.append(
             Doubt(
                 f"angles and commands pause for {stop - start:.6g} s at row {row} of {first.label}: "
                 "cut there, as nobody knows what was commanded"
             )
         )
-    return found
+    return notes
 
 
 def _between_pauses(tracks: Sequence[Track]) -> list[list[Track]]:
     edges = [0.5 * (start + stop) for start, stop in pauses(tracks)]
     parts: list[list[Track]] = []
     for low, high in zip([-np.inf, *edges], [*edges, np.inf], strict=True):
-        kept = [(k, (k.t > low) & (k.t <= high) | ~np.isfinite(k.t)) for k in tracks]
-        parts.append([replace(k, t=k.t[rows], x=k.x[rows]) for k, rows in kept])
+        masks = [(k, (k.t > low) & (k.t <= high) | ~np.isfinite(k.t)) for k in tracks]
+        parts.append([replace(k, t=k.t[rows], x=k.x[rows]) for k, rows in masks])
     return parts if edges else [list(tracks)]
 
 
@@ -116,8 +116,8 @@ def pauses(tracks: Sequence[Track]) -> list[tuple[float, float]]:
             return []
         longest = max(longest, CUTS.silence * float(np.median(step)))
         rows = np.flatnonzero(step > longest)
-        silent = list(zip(stamps[rows].tolist(), stamps[rows + 1].tolist(), strict=True))
-        common = [(max(a, c), min(b, d)) for a, b in common for c, d in silent]
+        gaps = list(zip(stamps[rows].tolist(), stamps[rows + 1].tolist(), strict=True))
+        common = [(max(a, c), min(b, d)) for a, b in common for c, d in gaps]
         common = [(start, stop) for start, stop in common if stop > start]
     return [(start, stop) for start, stop in common if longest < stop - start < np.inf]
 
@@ -131,25 +131,25 @@ def cut_rows(tracks: Sequence[Track]) -> list[int]:
     if len(t) < CUTS.run or not np.all(np.isfinite(t)):
         return []
     moving = [k.x for k in tracks if np.all(np.isfinite(k.x)) and np.ptp(k.x) > 0.0]
-    usual, found, start = float(np.median(np.abs(np.diff(t)))), [], 0
+    usual, cuts, start = float(np.median(np.abs(np.diff(t)))), [], 0
     for row in np.flatnonzero(np.diff(t) < 0.0) + 1:
         latest = float(t[start:row].max())
         if t[row] >= latest or t[row - 1] - t[row] <= CUTS.late * usual:
             continue
         ahead = np.flatnonzero(t[row:] > latest)
         stop = row + int(ahead[0]) if len(ahead) else len(t)
-        behind = start + np.flatnonzero(t[start:row] >= t[row])
+        overlap = start + np.flatnonzero(t[start:row] >= t[row])
         if stop - row < CUTS.run:
             cut = _misfit(t[start:], [x[start:] for x in moving], row - start, stop - start)
         else:
-            rows = np.arange(max(int(behind[0]) - 1, start), min(stop + 1, len(t)))
+            rows = np.arange(max(int(overlap[0]) - 1, start), min(stop + 1, len(t)))
             order = rows[np.argsort(t[rows], kind="stable")]
             longer = [_way(x[order]) / max(_way(x[rows]), 1e-12 * np.ptp(x)) for x in moving]
             cut = sum(longer) >= len(longer)
         if cut:
-            found.append(int(row))
+            cuts.append(int(row))
             start = int(row)
-    return found
+    return cuts
 
 
 def _way(x: np.ndarray) -> float:
@@ -158,10 +158,10 @@ def _way(x: np.ndarray) -> float:
 
 def _misfit(t: np.ndarray, values: Sequence[np.ndarray], row: int, stop: int) -> bool:
     """True if rows `row` to `stop` are far from the line between the neighbours of their stamps."""
-    others = np.delete(np.arange(len(t)), np.arange(row, stop))
-    others = others[np.argsort(t[others], kind="stable")]
+    remaining = np.delete(np.arange(len(t)), np.arange(row, stop))
+    remaining = remaining[np.argsort(t[remaining], kind="stable")]
     for x in values:
-        line = np.interp(t[row:stop], t[others], x[others])
+        line = np.interp(t[row:stop], t[remaining], x[remaining])
         size = np.percentile(np.abs(x[1:-1] - 0.5 * (x[2:] + x[:-2])), 95.0)
         if np.max(np.abs(x[row:stop] - line)) > CUTS.misfit * max(size, 1e-9 * np.ptp(x)):
             return True
@@ -170,11 +170,11 @@ def _misfit(t: np.ndarray, values: Sequence[np.ndarray], row: int, stop: int) ->
 
 def _between(t: np.ndarray, jumps: Sequence[tuple[float, float]]) -> list[int]:
     """Rows of slow time stamps at the jumps of a faster clock; empty if the clocks differ."""
-    found, start = [], 0
+    cuts, start = [], 0
     for high, low in jumps:
         row = start + int(np.searchsorted(t[start:], low))
         if np.sum((t[start:] >= low) & (t[start:] <= high)) > 1:
             return []
-        found.append(row)
+        cuts.append(row)
         start = row
-    return found
+    return cuts

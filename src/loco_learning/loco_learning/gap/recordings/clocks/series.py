@@ -51,17 +51,17 @@ def _as_fast(
 def _words(track: Track, order: np.ndarray, second: np.ndarray) -> str:
     x, t = track.x[order], track.t[order]
     rate = 1.0 / max(float(np.median(np.diff(t[second]))), 1e-9)
-    still = float(np.ptp(x[second])) == 0.0
+    constant = float(np.ptp(x[second])) == 0.0
     value = f"{x[second][0]:.6g}"
-    told = f"{int(second.sum()):,} of {len(x):,} readings are "
-    told += f"{value if still else 'of a second motion'}, at {rate:.3g} Hz, "
-    if still:
-        return told + (
+    text = f"{int(second.sum()):,} of {len(x):,} readings are "
+    text += f"{value if constant else 'of a second motion'}, at {rate:.3g} Hz, "
+    if constant:
+        return text + (
             "between those of a motion: a second publisher, such as a joint_state_publisher, or "
             f"readings that failed? missing: {value} in the mapping leaves them out, "
             "trust_units: true keeps them"
         )
-    return told + (
+    return text + (
         "between those of another: two publishers of the same joints? Record the topic of the "
         "drives alone; trust_units: true keeps them"
     )
@@ -81,43 +81,43 @@ def other_motion(x: np.ndarray) -> np.ndarray | None:
     if 2 * len(back) < SERIES.changes:
         return None
     finest = span * float(np.min(np.diff(np.unique(np.round(x / span, 9)))))
-    least = max(SERIES.apart * span, SERIES.steps * finest)
-    still = _standing(x, back, least)
-    return _moving(x, least) if still is None else still
+    threshold = max(SERIES.apart * span, SERIES.steps * finest)
+    standing = _standing(x, back, threshold)
+    return _moving(x, threshold) if standing is None else standing
 
 
 def _standing(x: np.ndarray, back: np.ndarray, least: float) -> np.ndarray | None:
     """Flags of the most frequent value at reversals; None if it is no second motion."""
-    near = np.unique(np.concatenate([back, back + 1, back + 2]))
-    values, counts = np.unique(x[near], return_counts=True)
+    indices = np.unique(np.concatenate([back, back + 1, back + 2]))
+    values, counts = np.unique(x[indices], return_counts=True)
     flags = x == values[np.argmax(counts)]
-    others = np.flatnonzero(~flags)
-    if not _mixed(flags) or len(others) < SERIES.changes:
+    remaining = np.flatnonzero(~flags)
+    if not _mixed(flags) or len(remaining) < SERIES.changes:
         return None
-    line = np.interp(np.flatnonzero(flags), others, x[others])
-    off = float(np.median(np.abs(x[flags] - line)))
-    rest = x[others]
+    line = np.interp(np.flatnonzero(flags), remaining, x[remaining])
+    distance = float(np.median(np.abs(x[flags] - line)))
+    rest = x[remaining]
     usual = float(np.median(np.abs(rest[1:-1] - 0.5 * (rest[2:] + rest[:-2]))))
-    return flags if off > max(least, SERIES.shorter * usual) else None
+    return flags if distance > max(least, SERIES.shorter * usual) else None
 
 
 def _moving(x: np.ndarray, least: float) -> np.ndarray | None:
     """Flags of the smaller of two smooth motions with long jumps between them; None if one."""
     each = np.abs(np.diff(x))
-    labels, far = _labels(x, int(np.argmax(each)))
+    labels, jumps = _labels(x, int(np.argmax(each)))
     changed = labels[1:] != labels[:-1]
-    if not _mixed(labels) or float(np.median(far[1:][changed])) < least:
+    if not _mixed(labels) or float(np.median(jumps[1:][changed])) < least:
         return None
     within = sum(float(np.sum(np.abs(np.diff(x[labels == side])))) for side in (False, True))
-    ways, inside = float(np.sum(each[changed])), within - float(np.sum(each[~changed]))
-    return labels == (np.mean(labels) < 0.5) if ways > SERIES.shorter * inside else None
+    across, inside = float(np.sum(each[changed])), within - float(np.sum(each[~changed]))
+    return labels == (np.mean(labels) < 0.5) if across > SERIES.shorter * inside else None
 
 
 def _mixed(flags: np.ndarray) -> bool:
     """True if readings alternate often, mostly for a single reading, unlike a motion that rests."""
     changed = flags[1:] != flags[:-1]
-    alone = int(np.sum(changed[:-1] & changed[1:]))
-    return bool(changed.sum() >= SERIES.changes and 4 * alone >= changed.sum())
+    isolated = int(np.sum(changed[:-1] & changed[1:]))
+    return bool(changed.sum() >= SERIES.changes and 4 * isolated >= changed.sum())
 
 
 def _labels(x: np.ndarray, start: int) -> tuple[np.ndarray, np.ndarray]:
@@ -125,13 +125,13 @@ def _labels(x: np.ndarray, start: int) -> tuple[np.ndarray, np.ndarray]:
 
     The assignment starts at a jump between the motions and proceeds in both directions.
     """
-    labels, far = np.zeros(len(x), dtype=bool), np.zeros(len(x))
+    labels, jumps = np.zeros(len(x), dtype=bool), np.zeros(len(x))
     labels[start + 1] = True
     for rows in (range(start + 2, len(x)), range(start - 1, -1, -1)):
         last = [float(x[start]), float(x[start + 1])]
         for row in rows:
             value = float(x[row])
             side = abs(value - last[1]) < abs(value - last[0])
-            labels[row], far[row] = side, abs(last[1] - last[0])
+            labels[row], jumps[row] = side, abs(last[1] - last[0])
             last[side] = value
-    return labels, far
+    return labels, jumps

@@ -30,16 +30,16 @@ def steadied(tracks: Sequence[Track], told: list[str]) -> list[Track]:
     for track in tracks:
         if track.role not in GIVEN:
             clocks.setdefault(_clock_of(track), []).append(track)
-    lines = {stamps: even_clock(some[0].t) for (stamps, _), some in clocks.items()}
+    lines = {stamps: even_clock(group[0].t) for (stamps, _), group in clocks.items()}
     moved = {}
-    for key, some in clocks.items():
+    for key, group in clocks.items():
         even = lines[key[0]]
-        if even is not None and _smoother(some, even):
+        if even is not None and _smoother(group, even):
             moved[key] = even
-            late = 1e3 * (some[0].t - even)
+            late = 1e3 * (group[0].t - even)
             told.append(
                 Doubt(
-                    f"{', '.join(dict.fromkeys(t.role for t in some))}: stamps are up to "
+                    f"{', '.join(dict.fromkeys(t.role for t in group))}: stamps are up to "
                     f"{late.max():.2f} ms late, {late.mean():.2f} ms on average, on readings "
                     f"{1e3 * (even[1] - even[0]):.4g} ms apart, and were put back"
                 )
@@ -63,8 +63,8 @@ def even_clock(t: np.ndarray) -> np.ndarray | None:
     if abs(round_one - period - slope) < error:
         late, period = t - round_one * count, round_one
     late -= np.min(late)
-    least = [part.min() for part in np.array_split(late, LINES.parts)]
-    if max(least) > LINES.on_line * period or np.ptp(late) < LINES.even * period:
+    minima = [part.min() for part in np.array_split(late, LINES.parts)]
+    if max(minima) > LINES.on_line * period or np.ptp(late) < LINES.even * period:
         return None
     return t - late
 
@@ -78,8 +78,8 @@ def _period(t: np.ndarray) -> float:
         ) * (hull[-1] - hull[-2]):
             hull.pop()
         hull.append(k)
-    edge = max(1, int(np.searchsorted(hull, 0.5 * (len(t) - 1))))
-    a, b = hull[edge - 1], hull[edge]
+    index = max(1, int(np.searchsorted(hull, 0.5 * (len(t) - 1))))
+    a, b = hull[index - 1], hull[index]
     return float((t[b] - t[a]) / (b - a))
 
 
@@ -93,10 +93,10 @@ def _slope(late: np.ndarray) -> tuple[float, float]:
     parts = np.array_split(np.arange(len(late)), LINES.parts)
     rows = [part[np.argmin(late[part])] for part in parts]
     at = np.array(rows, dtype=float) - np.mean(rows)
-    off = late[rows] - np.mean(late[rows])
-    slope = float(at @ off / (at @ at))
-    spread = float(np.sum(np.square(off - slope * at))) / (len(rows) - 2)
-    return slope, LINES.sure * float(np.sqrt(spread / (at @ at))) + LINES.rounding / len(late)
+    deviation = late[rows] - np.mean(late[rows])
+    slope = float(at @ deviation / (at @ at))
+    variance = float(np.sum(np.square(deviation - slope * at))) / (len(rows) - 2)
+    return slope, LINES.sure * float(np.sqrt(variance / (at @ at))) + LINES.rounding / len(late)
 
 
 def _smoother(tracks: Sequence[Track], even: np.ndarray) -> bool:
@@ -104,16 +104,16 @@ def _smoother(tracks: Sequence[Track], even: np.ndarray) -> bool:
 
     Either more often or by more, since a joint that mostly rests informs by its few movements only.
     """
-    t, gain, spread, wins, count = tracks[0].t, 0.0, 0.0, 0, 0
+    t, gain, variance, wins, count = tracks[0].t, 0.0, 0.0, 0, 0
     span = t[2:] - t[:-2]
     share = np.where(span > 0.0, (t[1:-1] - t[:-2]) / np.where(span > 0.0, span, 1.0), 0.5)
     for track in tracks:
         x, rise = track.x, track.x[2:] - track.x[:-2]
-        off = [np.square(x[1:-1] - x[:-2] - part * rise) for part in (share, 0.5)]
-        size = float(np.mean(off))
-        wins += int(np.sum(off[1] < off[0]))
-        count += int(np.sum(off[1] != off[0]))
+        errors = [np.square(x[1:-1] - x[:-2] - part * rise) for part in (share, 0.5)]
+        size = float(np.mean(errors))
+        wins += int(np.sum(errors[1] < errors[0]))
+        count += int(np.sum(errors[1] != errors[0]))
         if size > 0.0:
-            gain += float(np.sum(off[0] - off[1])) / size
-            spread += float(np.sum(np.square(off[0] - off[1]))) / size**2
-    return gain > LINES.sure * np.sqrt(spread) or wins - 0.5 * count > LINES.sure * np.sqrt(count)
+            gain += float(np.sum(errors[0] - errors[1])) / size
+            variance += float(np.sum(np.square(errors[0] - errors[1]))) / size**2
+    return gain > LINES.sure * np.sqrt(variance) or wins - 0.5 * count > LINES.sure * np.sqrt(count)
