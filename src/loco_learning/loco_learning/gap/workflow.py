@@ -84,7 +84,7 @@ def find(
             keep(result, None)
         return result
     records, held_out = mend.noted(records, wrong), mend.noted(held_out, wrong)
-    fit, judges = stages.parted(model, records), stages.parted(model, held_out)
+    fit, checks = stages.parted(model, records), stages.parted(model, held_out)
     if params.window or not all(fit):
         return search(model, records, held_out, params, report, workers, keep, memory)
 
@@ -103,9 +103,9 @@ def find(
         if keep:
             keep(stages.joined(air, ground), joined(aloft[0], shown))
 
-    air = search(model, fit[0], judges[0], named, half(0.0), workers, first, memory)
+    air = search(model, fit[0], checks[0], named, half(0.0), workers, first, memory)
     ground = search(
-        stages.after(model, air), fit[1], judges[1], params, half(0.5), workers, second, memory
+        stages.after(model, air), fit[1], checks[1], params, half(0.5), workers, second, memory
     )
     return stages.joined(air, ground)
 
@@ -123,9 +123,9 @@ def search(
     """Do what `find` does for records that are all in the air or all on the ground."""
     report(0.0, "reading the model", "")
     length = on_ground(model, [*records, *held_out], params)
-    pieces = ForwardParams(window=params.window, ground=length)
+    settings = ForwardParams(window=params.window, ground=length)
     run = horizon.quickest(model) if length else model
-    forward = led.forward(run, [*records, *held_out], pieces)
+    forward = led.forward(run, [*records, *held_out], settings)
     params = params.replace(window=forward.params.window)
     count = len(records)
     records, held_out = forward.records[:count], forward.records[count:]
@@ -133,9 +133,9 @@ def search(
     robot, fixed = robots[0], all(r.fixed_base for r in robots)
     nominal = nominals.values(robot, params.free)
     case = cases.prepare(forward, records, held_out, known=nominal)
-    offered = forward.shown(offer(robot, case.signals, hints.find(case, robot)))
-    hypotheses, twins = separable([h for h in offered if wanted(h.effect, params)])
-    not_tried = [one for one in untried(robot, offered) if wanted(one[0], params)] + twins
+    candidates = forward.shown(offer(robot, case.signals, hints.find(case, robot)))
+    hypotheses, inseparable = separable([h for h in candidates if wanted(h.effect, params)])
+    not_tried = [one for one in untried(robot, candidates) if wanted(one[0], params)] + inseparable
 
     def started() -> Jobs:
         place = pool.start(call, (case,), workers if workers > 1 else 0)
@@ -150,41 +150,41 @@ def search(
         tasks.close()
         tasks = started()
 
-    told = 0.0
+    progress = 0.0
 
     def searching(fraction: float, stage: str, best: str) -> None:
-        nonlocal told
-        told = max(told, fraction)  # progress does not decrease when the search restarts
-        report(SEARCH * told, stage, best)
+        nonlocal progress
+        progress = max(progress, fraction)  # progress does not decrease when the search restarts
+        report(SEARCH * progress, stage, best)
 
     try:
         guess: tuple = ()
         if case.ground and has_gap(case.kept().whitened([])):
             report(0.01, "looking for what is likely", "")
-            hypotheses, idle, first = likely(case, hypotheses, partial(each, tasks))
-            not_tried += idle
+            hypotheses, excluded, first = likely(case, hypotheses, partial(each, tasks))
+            not_tried += excluded
             setting = Setting(params, nominal, nominal, ROUGH, tuple(case.fitted))
             guess = rough(case, first, setting)[1]
             compared(guess)
         led_along = not forward.fine_steps
-        bundled = partial(bundles, robot, forward.channels, fixed_base=fixed, led=led_along)
+        grouping = partial(bundles, robot, forward.channels, fixed_base=fixed, led=led_along)
 
         def alone() -> tuple[Search, Found]:
-            mine = Search(case, hypotheses, params, tasks, searching, nominal, bundled)
-            return mine, mine.singles()
+            searcher = Search(case, hypotheses, params, tasks, searching, nominal, grouping)
+            return searcher, searcher.singles()
 
-        seeking, found = alone()
-        if guess and found.models and not same(found.best.parts, guess):
-            compared(found.best.parts)
-            seeking, found = alone()
-        found = seeking.together(found)
-        report(SEARCH, "weighing", " + ".join(found.best.names))
-        judged = judge(case, seeking, found)
-        not_tried += seeking.failed(found.screened)
-        result = contents(model, case, judged, params, not_tried)
+        seeking, outcome = alone()
+        if guess and outcome.models and not same(outcome.best.parts, guess):
+            compared(outcome.best.parts)
+            seeking, outcome = alone()
+        outcome = seeking.together(outcome)
+        report(SEARCH, "weighing", " + ".join(outcome.best.names))
+        judgement = judge(case, seeking, outcome)
+        not_tried += seeking.failed(outcome.screened)
+        result = contents(model, case, judgement, params, not_tried)
         if keep:
-            keep(result, curves(case, judged.given, judged.after))
-        for detail in details(model, case, judged, params, partial(each, tasks)):
+            keep(result, curves(case, judgement.given, judgement.after))
+        for detail in details(model, case, judgement, params, partial(each, tasks)):
             report(0.95, detail.stage, " + ".join(result["names"]))
             result = add(result, detail)
     finally:

@@ -49,12 +49,12 @@ class Jobs(ABC):
 
     def ordered(self, jobs: Sequence[tuple]) -> Iterator[Any]:
         """Results in the order of the jobs; raises the error of a failed one."""
-        early: dict[int, Any] = {}
+        pending: dict[int, Any] = {}
         following = 0
         for index, result in self.results(jobs):
-            early[index] = result
-            while following in early:
-                yield early.pop(following)
+            pending[index] = result
+            while following in pending:
+                yield pending.pop(following)
                 following += 1
 
     @abstractmethod
@@ -73,8 +73,8 @@ def outcome(function: Callable[..., Any], job: tuple) -> Any:
     try:
         return function(*job)
     except Exception as error:  # noqa: BLE001, a job may raise anything
-        plain = isinstance(error, LocoError)
-        reason = str(error) if plain else f"{type(error).__name__}: {error}"
+        expected = isinstance(error, LocoError)
+        reason = str(error) if expected else f"{type(error).__name__}: {error}"
         return Failure(reason or type(error).__name__, error)
 
 

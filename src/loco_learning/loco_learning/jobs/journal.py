@@ -127,10 +127,10 @@ def read(
     lines = data[:end].splitlines()
     if not lines:
         return {}, [], 0
-    there = _parsed(path, 1, lines[0], dict[str, Any])
+    stored = _parsed(path, 1, lines[0], dict[str, Any])
     if header is not None:
-        _compare(path, there, header)
-    return there, [_parsed(path, n, line, row) for n, line in enumerate(lines[1:], start=2)], end
+        _compare(path, stored, header)
+    return stored, [_parsed(path, n, line, row) for n, line in enumerate(lines[1:], start=2)], end
 
 
 def _line(row: Mapping[str, Any]) -> bytes:
@@ -165,10 +165,10 @@ def _put(file: Any, data: bytes) -> None:
 
 
 def _compare(path: Path, recorded: Mapping[str, Any], header: Mapping[str, Any]) -> None:
-    theirs, ours = flat(recorded), flat(header)
-    for key in (*ours, *theirs):
-        if theirs.get(key) != ours.get(key):
+    stored, current = flat(recorded), flat(header)
+    for key in (*current, *stored):
+        if stored.get(key) != current.get(key):
             raise ParameterError(
-                f"{path} belongs to other work: {shown(key, 80)[1:-1]} is {shown(theirs.get(key))} there, "
-                f"{shown(ours.get(key))} here; choose another folder or remove that one"
+                f"{path} belongs to other work: {shown(key, 80)[1:-1]} is {shown(stored.get(key))} there, "
+                f"{shown(current.get(key))} here; choose another folder or remove that one"
             )

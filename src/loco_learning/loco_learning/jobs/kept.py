@@ -41,13 +41,13 @@ class Row(TypedDict):
 
 def versions() -> dict[str, str]:
     """Versions of this package and of those that affect the last bits of its results."""
-    found = {"loco": __version__}
+    result = {"loco": __version__}
     for name in _DECIDES:
         try:
-            found[name] = importlib.metadata.version(name)
+            result[name] = importlib.metadata.version(name)
         except importlib.metadata.PackageNotFoundError:
             continue
-    return found
+    return result
 
 
 def digest(*values: Any) -> str:
@@ -56,9 +56,9 @@ def digest(*values: Any) -> str:
     Raises:
         TypeError: A value is of another type.
     """
-    whole = hashlib.sha256()
-    _feed(whole, values)
-    return whole.hexdigest()[:32]
+    hasher = hashlib.sha256()
+    _feed(hasher, values)
+    return hasher.hexdigest()[:32]
 
 
 def _feed(whole: Any, value: Any) -> None:
@@ -129,8 +129,8 @@ class Memory:
 
     def keep(self, key: str, result: Any) -> Any:
         """Store a result while the journal has room; returns it in the form of `known`."""
-        kept = values.dump(result)
-        row = {"key": key, "result": kept}
+        payload = values.dump(result)
+        row = {"key": key, "result": payload}
         self._size += len(json.dumps(row))
         if not self._full and self._size > MOST:
             log.info("%s has %d MB: further results are not kept", self._path, self._size // 10**6)
@@ -142,7 +142,7 @@ class Memory:
             except OSError as error:
                 log.warning("results are no longer kept for a search begun again: %s", error)
                 self._full = True
-        return values.load(kept, self._kinds)
+        return values.load(payload, self._kinds)
 
     def __enter__(self) -> Memory:
         return self

@@ -86,14 +86,14 @@ class _Worker:
 
     def answer(self) -> tuple[Any] | str:
         """The result in a tuple, or "busy", or "dead"."""
-        alive = self.process.is_alive()  # checked first: a process may send and then end
+        running = self.process.is_alive()  # checked first: a process may send and then end
         try:
             if self.pipe.poll():
                 return self.pipe.recv()
         except (EOFError, OSError):
             self.process.join(1.0)
             return "dead"
-        return "busy" if alive else "dead"
+        return "busy" if running else "dead"
 
 
 class Processes(Jobs):
@@ -181,10 +181,10 @@ class Processes(Jobs):
 def _serve(pipe: Any, payload: bytes) -> None:
     """Main loop of a process of the pool, until the other end of the pipe is closed."""
     function, shared = pickle.loads(payload)  # noqa: S301, from the parent process
-    whole = partial(function, *shared)
+    task = partial(function, *shared)
     try:
         while True:
-            result = sendable(outcome(whole, pipe.recv()))
+            result = sendable(outcome(task, pipe.recv()))
             try:
                 pipe.send((result,))
             except (pickle.PicklingError, AttributeError, TypeError) as error:

@@ -35,12 +35,12 @@ def spawn(
         os.environ[variable] = "1"
     os.environ["PYTHONSAFEPATH"] = "1"  # no imports from the current folder
     context = multiprocessing.get_context("spawn")
-    ours, theirs = context.Pipe(duplex)
-    process = context.Process(target=_live, args=(theirs, work, arguments), daemon=True)
+    parent_end, child_end = context.Pipe(duplex)
+    process = context.Process(target=_live, args=(child_end, work, arguments), daemon=True)
     with _bare_script_hidden():
         process.start()
-    theirs.close()
-    return process, ours
+    child_end.close()
+    return process, parent_end
 
 
 @contextlib.contextmanager

@@ -91,10 +91,10 @@ def _load(value: Any, kinds: Mapping[str, type]) -> Any:
         raise ValueError(f"a result of kind {shown(kind)}")
     if list(inside) != [f.name for f in dataclasses.fields(kinds[kind])]:
         raise ValueError(f"other fields than those of {kind}")
-    made = object.__new__(kinds[kind])
+    instance = object.__new__(kinds[kind])
     for name, entry in inside.items():
-        object.__setattr__(made, name, _load(entry, kinds))
-    return made
+        object.__setattr__(instance, name, _load(entry, kinds))
+    return instance
 
 
 def _load_array(kind: str, shape: list[int], order: str, text: str) -> np.ndarray:

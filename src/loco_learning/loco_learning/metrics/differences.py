@@ -175,8 +175,8 @@ def differences(first: Log, other: Log, phase: str, tests: int = 1) -> list[Diff
         tests: Number of tables that share the error probability `CHANCE`.
     """
     here = window(first, other, phase)
-    chosen = [m for m in METRICS.values() if m.suits(first) and m.suits(other)]
-    rows = [(m.name, *(_blocks(m, log, here) for log in (first, other))) for m in chosen]
+    metrics = [m for m in METRICS.values() if m.suits(first) and m.suits(other)]
+    rows = [(m.name, *(_blocks(m, log, here) for log in (first, other))) for m in metrics]
     rows = [row for row in rows if np.isfinite(row[1]).any() and np.isfinite(row[2]).any()]
     chance = CHANCE / (tests * max(1, len(rows)))
     return [_difference(here, *row, chance) for row in rows]
@@ -195,8 +195,8 @@ def _difference(
     size, at, largest, kind = SIZES[name].of(float(np.nanmean(one))), math.nan, math.nan, ""
     low = high = math.nan
     if here.paired:
-        known = np.isfinite(one) & np.isfinite(two)
-        pairs = (two - one)[known]
+        valid = np.isfinite(one) & np.isfinite(two)
+        pairs = (two - one)[valid]
         samples: tuple[np.ndarray, ...] = (pairs,)
     else:
         samples = one[np.isfinite(one)], two[np.isfinite(two)]
@@ -206,9 +206,9 @@ def _difference(
         if low * high > 0.0 and abs(middle) > size:
             kind = LASTING
         if here.paired:
-            most = int(np.argmax(np.abs(pairs)))
-            largest = float(pairs[most])
-            at = float(np.flatnonzero(known)[most] * here.length * here.dt)
+            index = int(np.argmax(np.abs(pairs)))
+            largest = float(pairs[index])
+            at = float(np.flatnonzero(valid)[index] * here.length * here.dt)
             if not kind and abs(largest) > max(size, outstanding(pairs, chance)):
                 kind = PASSING
     means = (float(np.nanmean(values)) for values in (one, two))
@@ -225,15 +225,15 @@ def interval(samples: tuple[np.ndarray, ...], chance: float) -> tuple[float, flo
         samples: Differences of pairs, (N,), or the values of both runs.
         chance: Probability that the interval excludes the true value.
     """
-    paired, few = len(samples) == 1, min(map(len, samples))
+    paired, n_min = len(samples) == 1, min(map(len, samples))
     drawn = bootstrap(
         samples, _mean if paired else _apart, n_resamples=RESAMPLES, vectorized=True,
         method="percentile", rng=np.random.default_rng(0),
     )  # fmt: skip
     middle = float((_mean if paired else _apart)(*samples))
-    wide = float(t.ppf(1.0 - 0.5 * chance, few - 1) * math.sqrt(few / (few - 1)))
-    half = wide * float(drawn.standard_error) * max(map(resemblance, samples))
-    return middle - half, middle + half
+    wide = float(t.ppf(1.0 - 0.5 * chance, n_min - 1) * math.sqrt(n_min / (n_min - 1)))
+    half_width = wide * float(drawn.standard_error) * max(map(resemblance, samples))
+    return middle - half_width, middle + half_width
 
 
 def resemblance(values: np.ndarray) -> float:
@@ -271,5 +271,5 @@ def outstanding(pairs: np.ndarray, chance: float) -> float:
 
 def shared(logs: Mapping[str, Log]) -> list[str]:
     """Phases that all runs reached, in order."""
-    first, *others = logs.values()
-    return [name for name in first.phases() if all(name in log.phases() for log in others)]
+    first, *rest = logs.values()
+    return [name for name in first.phases() if all(name in log.phases() for log in rest)]

@@ -108,16 +108,16 @@ def _frequencies(r: Results) -> Chart:
         colour = PALETTE[i % len(PALETTE)]
         layers += [line(f"{n} nodes", f, score, colour), dots(f"{n} nodes", f, score, colour)]
     mean, deviation = np.mean(everything, axis=0), np.std(everything, axis=0)
-    whole = [line("all sizes", f, mean, BLUE, size=1.8)]
-    whole += [line("one deviation", f, mean + by * deviation, BLUE, shape=DASHED) for by in (-1, 1)]
+    lines = [line("all sizes", f, mean, BLUE, size=1.8)]
+    lines += [line("one deviation", f, mean + by * deviation, BLUE, shape=DASHED) for by in (-1, 1)]
     top = float(np.max(mean + deviation))
-    whole += [
+    lines += [
         line("-3 dB band", [limit, limit], [0.0, top], RED, shape=DASHED) for limit in band(r)
     ]
     axes = Axis("frequency [Hz]", logarithmic=True), Axis("score without noise [-]")
     titles = "each size", "all sizes, and their band"
     return Chart([Frame(*axes, each, title)
-                  for title, each in zip(titles, (layers, whole), strict=True)])  # fmt: skip
+                  for title, each in zip(titles, (layers, lines), strict=True)])  # fmt: skip
 
 
 @figure("6.5", "powers")

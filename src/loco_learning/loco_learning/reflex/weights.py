@@ -35,8 +35,8 @@ def load(cls: Any, senses: tuple[Any, ...], path: str | Path) -> Any:
     by_kind = {kind.KIND: kind for kind in senses}
     with archive.reading(path, *by_kind) as (meta, arrays):
         kind = by_kind[meta["kind"]]
-        whole = from_dict(kind.PARAMS, meta["learner"])
-        learner = whole.replace(weights="")
+        params = from_dict(kind.PARAMS, meta["learner"])
+        learner = params.replace(weights="")
         felt = kind.remade(learner, meta)
         if learner.enabled or learner.phases_when_off:  # before memory of this size is allocated
             shape = (felt.size * learner.memory, learner.neurons)
@@ -44,7 +44,7 @@ def load(cls: Any, senses: tuple[Any, ...], path: str | Path) -> Any:
             _part(arrays, "readout.weights", (learner.neurons, 2 * len(felt.outputs)), path)
             _part(arrays, "readout.p", (learner.neurons, learner.neurons), path)
         network = cls(learner, felt, meta["dt"], meta["seed"])
-        network.params = network.schedule.params = whole
+        network.params = network.schedule.params = params
         _copy(network, arrays, tuple(network.parts()), path)
     return network
 
@@ -93,10 +93,10 @@ def _part(
     Raises:
         ParameterError: The file has no such array.
     """
-    found = arrays.get(name)
-    if found is None or found.shape != shape:
-        holds = "nothing" if found is None else f"shape {shown(found.shape)}"
+    array = arrays.get(name)
+    if array is None or array.shape != shape:
+        holds = "nothing" if array is None else f"shape {shown(array.shape)}"
         raise ParameterError(f"{path} holds {holds} for {name}, not {shape}")
-    if found.dtype.kind != kind or np.isnan(found).any() or (kind == "i" and (found < 0).any()):
-        raise ParameterError(f"{path} holds {found.dtype} for {name}, with NaN or of a wrong kind")
-    return found
+    if array.dtype.kind != kind or np.isnan(array).any() or (kind == "i" and (array < 0).any()):
+        raise ParameterError(f"{path} holds {array.dtype} for {name}, with NaN or of a wrong kind")
+    return array

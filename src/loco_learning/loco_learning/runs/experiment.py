@@ -203,9 +203,9 @@ def load(
     for key, value in (overrides or {}).items():
         values = merge(values, _nested(key, value))
     values.setdefault("name", path.stem)
-    neighbour = path.parent / str(values.get("robot", ""))
-    if neighbour.suffix == ".yaml" and neighbour.is_file():
-        values["robot"] = str(neighbour)
+    adjacent = path.parent / str(values.get("robot", ""))
+    if adjacent.suffix == ".yaml" and adjacent.is_file():
+        values["robot"] = str(adjacent)
     learner = values.get("learner")
     weights = learner.get("weights") if isinstance(learner, Mapping) else None
     if isinstance(weights, str) and weights and (path.parent / weights).is_file():

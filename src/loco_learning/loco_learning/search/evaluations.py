@@ -118,16 +118,16 @@ def columns(rows: list[dict[str, Any]], population: int) -> dict[str, np.ndarray
     Keys: ``evaluations`` done, ``best`` so far, ``median`` of the generation, ``sigma`` and the
     share of ``failures``.
     """
-    whole = len(rows) // population
-    values = np.array([row["value"] for row in rows[: whole * population]], dtype=float)
-    values = values.reshape(whole, population)
-    failed = [bool(row["reason"]) for row in rows[: whole * population]]
+    generations = len(rows) // population
+    values = np.array([row["value"] for row in rows[: generations * population]], dtype=float)
+    values = values.reshape(generations, population)
+    failed = [bool(row["reason"]) for row in rows[: generations * population]]
     return {
-        "evaluations": population * np.arange(1, whole + 1),
-        "best": np.minimum.accumulate(values.min(axis=1)) if whole else np.zeros(0),
+        "evaluations": population * np.arange(1, generations + 1),
+        "best": np.minimum.accumulate(values.min(axis=1)) if generations else np.zeros(0),
         "median": np.median(values, axis=1),
-        "sigma": np.array([rows[g * population]["sigma"] for g in range(whole)]),
-        "failures": np.reshape(failed, (whole, population)).mean(axis=1),
+        "sigma": np.array([rows[g * population]["sigma"] for g in range(generations)]),
+        "failures": np.reshape(failed, (generations, population)).mean(axis=1),
     }
 
 

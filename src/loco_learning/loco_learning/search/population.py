@@ -155,23 +155,23 @@ class _Loop:
         self._bests: list[float] = []
 
     def run(self, report: Callable[[Progress], Any] | None) -> Optimum:
-        self._started, self._replayed, ended, generation = time.perf_counter(), 0, "", 0
+        self._started, self._replayed, reason, generation = time.perf_counter(), 0, "", 0
         try:
-            while not ended:
+            while not reason:
                 rows = self._evaluated(generation)
                 if len(rows) < self._search.size:
-                    ended = "stopped"
+                    reason = "stopped"
                     break
                 converged = self._search.tell([row["value"] for row in rows])
                 generation += 1
                 self._bests.append(min([row["value"] for row in rows] + self._bests[-1:]))
-                ended = self._reason(generation, converged)
+                reason = self._reason(generation, converged)
                 if report and report(self._progress(generation, rows)) is True:
-                    ended = ended or "stopped"
+                    reason = reason or "stopped"
         finally:
             if self._jobs:
                 self._jobs.close()
-        return self._optimum(generation, ended)
+        return self._optimum(generation, reason)
 
     def _evaluated(self, generation: int) -> list[dict[str, Any]]:
         """Rows of a generation; those missing in the record are evaluated, in order."""
@@ -186,11 +186,11 @@ class _Loop:
         self._replayed += len(recorded)
         seeds = [seed_of(self._options.seed, generation, i) for i in range(len(points))]
         missing = list(zip(points, seeds, strict=True))[len(recorded) :]
-        early: dict[int, Score] = {}
+        pending: dict[int, Score] = {}
         for index, result in self._scores(missing):
-            early[len(recorded) + index] = result
-            while (following := len(self._record.generation(generation))) in early:
-                result = early.pop(following)
+            pending[len(recorded) + index] = result
+            while (following := len(self._record.generation(generation))) in pending:
+                result = pending.pop(following)
                 self._record.append(generation, following, sigma, points[following], result)
             if self._stop():
                 break
@@ -223,8 +223,8 @@ class _Loop:
         best = min(self._record.rows[: generation * self._search.size], key=_value)
         failed = [row["reason"] for row in rows if row["reason"]]
         done = generation * self._search.size
-        fresh, spent = done - self._replayed, time.perf_counter() - self._started
-        rate = fresh / spent if fresh > 0 and spent > 0.0 else math.nan
+        new, elapsed = done - self._replayed, time.perf_counter() - self._started
+        rate = new / elapsed if new > 0 and elapsed > 0.0 else math.nan
         return Progress(
             generation=generation,
             evaluations=done,

@@ -84,14 +84,14 @@ def sheets(study: Any, results: Sequence[CaseResult]) -> list[Sheet]:
         study.variants, itertools.product(*(axis.values for axis in axes.values()))
     ):
         other = dict(zip(axes, settings, strict=True))
-        own = [
+        selected = [
             (row, case) for row, case in table
             if case.variant == variant and case.metrics
             and all(case.at[k] == v for k, v in other.items())
         ]  # fmt: skip
-        if own:
+        if selected:
             title = ", ".join([variant, *(f"{name} {value:g}" for name, value in other.items())])
-            sheet_list.append(_sheet(title, x, y, own))
+            sheet_list.append(_sheet(title, x, y, selected))
     return sheet_list
 
 

@@ -292,8 +292,8 @@ def _read(path: Path, after: tuple[Path, ...] = ()) -> dict[str, Any]:
         return values
     if not isinstance(base, str):
         raise ParameterError(f"{path}: extends must be the name of a study, got {base!r}")
-    neighbour = path.parent / base
-    return {**_read(_find(neighbour if neighbour.is_file() else base), (*after, path)), **values}
+    adjacent = path.parent / base
+    return {**_read(_find(adjacent if adjacent.is_file() else base), (*after, path)), **values}
 
 
 def _find(name_or_path: str | Path) -> Path:

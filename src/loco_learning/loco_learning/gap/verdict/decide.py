@@ -178,7 +178,7 @@ def decide(
     if not (has_gap(residuals[0], limits) if gap is None else gap):
         text = f"The model explains the data: {before.rms:.2f} noise floors."
         return Decision(NO_GAP, (), True, text)
-    rulings = tuple(_rule(c, limits) for c in candidates)
+    assessments = tuple(_rule(c, limits) for c in candidates)
     closed = evidence.closed_by(before.residuals, after.residuals)
     explains = adequate(*residuals, limits, enough)
     if explains and _trifling(
@@ -189,10 +189,10 @@ def decide(
             f"{candidates[0].name} too small to matter explains it."
         )
         return Decision(NO_GAP, (), True, text)
-    verdict = _overall(rulings, explains, large(residuals, before, after, limits))
+    verdict = _overall(assessments, explains, large(residuals, before, after, limits))
     loud = None if explains else float(np.nanmax(evidence.by_channel(residuals[1])))
-    text = _summary(verdict, rulings, loud, before.rms, after.rms, closed)
-    return Decision(verdict, rulings, explains, text)
+    text = _summary(verdict, assessments, loud, before.rms, after.rms, closed)
+    return Decision(verdict, assessments, explains, text)
 
 
 def _names(rulings: Sequence[Ruling], verdict: str) -> tuple[str, ...]:
@@ -200,8 +200,8 @@ def _names(rulings: Sequence[Ruling], verdict: str) -> tuple[str, ...]:
 
 
 def _groups(rulings: Sequence[Ruling]) -> tuple[tuple[str, ...], ...]:
-    unsure = [r for r in rulings if r.verdict == AMBIGUOUS]
-    return tuple(sorted({tuple(sorted({r.name, *r.look_alikes})) for r in unsure}))
+    ambiguous = [r for r in rulings if r.verdict == AMBIGUOUS]
+    return tuple(sorted({tuple(sorted({r.name, *r.look_alikes})) for r in ambiguous}))
 
 
 def _trifling(candidates: Sequence[Candidate], rms: float, limits: Limits) -> bool:
@@ -215,26 +215,26 @@ def _trifling(candidates: Sequence[Candidate], rms: float, limits: Limits) -> bo
 
 def alarms(candidate: Candidate, limits: Limits = LIMITS) -> tuple[str, ...]:
     """Implausible parameters of a candidate, with the reason, one line each."""
-    found, open_ends = [], _undetermined(candidate.estimates)
+    messages, open_ends = [], _undetermined(candidate.estimates)
     for e in candidate.estimates:
         where = f"{candidate.name} {candidate.place}".strip() + f": {e.name} = {e.value:.3g}"
         where = f"{where} {e.unit}" if e.unit != "-" else where
         if _on_bound(e, limits.edge):
-            found.append(f"{where} is on the bound of its range {e.least:g} to {e.most:g}")
+            messages.append(f"{where} is on the bound of its range {e.least:g} to {e.most:g}")
         if e.sign * e.value < 0.0:
             kind = "negative" if e.value < 0.0 else "positive"
-            found.append(f"{where} is {kind}, which is not physical")
+            messages.append(f"{where} is {kind}, which is not physical")
         if e in open_ends:
-            found.append(f"{where} has no interval: the data do not determine it")
+            messages.append(f"{where} has no interval: the data do not determine it")
         if e.absent is not None and e.spread > limits.spread * _size(e, candidate.estimates):
-            found.append(f"{where} differs by {e.spread:.2g} between parts of the data")
-    return tuple(found)
+            messages.append(f"{where} differs by {e.spread:.2g} between parts of the data")
+    return tuple(messages)
 
 
 def _size(one: Estimate, estimates: Sequence[Estimate]) -> float:
     """Largest distance from absence of strengths in its unit: a vector may have components of 0."""
-    alike = (e for e in estimates if e.absent is not None and e.unit == one.unit)
-    return max(abs(e.value - e.absent) for e in alike)
+    same_unit = (e for e in estimates if e.absent is not None and e.unit == one.unit)
+    return max(abs(e.value - e.absent) for e in same_unit)
 
 
 def _undetermined(estimates: Sequence[Estimate]) -> list[Estimate]:
@@ -246,26 +246,26 @@ def _undetermined(estimates: Sequence[Estimate]) -> list[Estimate]:
     touched has an undetermined damping. Only the strength of the effect must be determined.
     """
     open_ends = [e for e in estimates if not (math.isfinite(e.low) and math.isfinite(e.high))]
-    unsure = [e for e in open_ends if e.absent is None or e.low <= e.absent <= e.high]
-    known = any(e.absent is not None and e not in unsure for e in estimates)
-    return [] if known else unsure
+    candidates = [e for e in open_ends if e.absent is None or e.low <= e.absent <= e.high]
+    determined = any(e.absent is not None and e not in candidates for e in estimates)
+    return [] if determined else candidates
 
 
 def _rule(c: Candidate, limits: Limits) -> Ruling:
-    found = alarms(c, limits)
+    messages = alarms(c, limits)
     c = replace(c, rivals=serious(c, limits))
     close = [r for r in c.rivals if r.over.odds <= limits.odds]
     names = {r.name for r in close} - {c.name}
-    twins = EFFECTS[c.name].identity.twins if c.name in EFFECTS else ()
-    others = tuple(sorted({*names, *twins, *c.traded}))
-    places = tuple(sorted({r.place for r in close if r.name == c.name and r.place != c.place}))
-    wanting = lacks(c, found, limits)
-    verdict = UNKNOWN if wanting else AMBIGUOUS if others else NAMED
+    inseparable = EFFECTS[c.name].identity.twins if c.name in EFFECTS else ()
+    alternatives = tuple(sorted({*names, *inseparable, *c.traded}))
+    locations = tuple(sorted({r.place for r in close if r.name == c.name and r.place != c.place}))
+    deficits = lacks(c, messages, limits)
+    verdict = UNKNOWN if deficits else AMBIGUOUS if alternatives else NAMED
     named_else = [r for r in c.rivals if r.name != c.name]
     odds = min((r.over.odds for r in named_else), default=c.gain.odds)
-    odds = min(odds, 1.0) if twins else odds
-    text = _sentence(c, verdict, wanting, others, places)
-    return Ruling(c.name, c.place, verdict, odds, others, places, found, text)
+    odds = min(odds, 1.0) if inseparable else odds
+    text = _sentence(c, verdict, deficits, alternatives, locations)
+    return Ruling(c.name, c.place, verdict, odds, alternatives, locations, messages, text)
 
 
 def serious(c: Candidate, limits: Limits) -> tuple[Rival, ...]:
@@ -285,18 +285,18 @@ def lacks(c: Candidate, found: Sequence[str] = (), limits: Limits = LIMITS) -> l
         found: Implausible parameters of the candidate.
         limits: Conditions for naming an effect.
     """
-    wanting = []
-    sure = c.worse > limits.worse or c.total is not None and c.total.low > 0.0
-    if not (c.gain.low > 0.0 or c.gain.gain > 0.0 and sure):
-        wanting.append(f"the gain of {c.gain.gain:.3g} nat may be chance (from {c.gain.low:.3g})")
+    deficits = []
+    significant = c.worse > limits.worse or c.total is not None and c.total.low > 0.0
+    if not (c.gain.low > 0.0 or c.gain.gain > 0.0 and significant):
+        deficits.append(f"the gain of {c.gain.gain:.3g} nat may be chance (from {c.gain.low:.3g})")
     if c.gain.blocks_improved < limits.blocks:
-        wanting.append(f"only {c.gain.blocks_improved:.0%} of the blocks improve")
+        deficits.append(f"only {c.gain.blocks_improved:.0%} of the blocks improve")
     if c.closed < limits.closed:
-        wanting.append(f"it closes only {c.closed:.0%} of the gap")
+        deficits.append(f"it closes only {c.closed:.0%} of the gap")
     strengths = [e for e in c.estimates if e.absent is not None]
     if strengths and not any(e.excludes_absent for e in strengths):
-        wanting.append(f"the interval of {strengths[0].name} does not exclude that it is absent")
-    return wanting + [alarm.split(": ", 1)[1] for alarm in found]
+        deficits.append(f"the interval of {strengths[0].name} does not exclude that it is absent")
+    return deficits + [alarm.split(": ", 1)[1] for alarm in found]
 
 
 def _sentence(
@@ -311,13 +311,13 @@ def _sentence(
         f"{c.gain.low:.3g} to {c.gain.high:.3g}), in {c.gain.blocks_improved:.0%} of the blocks; "
         f"it closes {c.closed:.0%} of the gap"
     )
-    rivals = sorted((r for r in c.rivals if r.name != c.name), key=lambda r: r.over.odds)
+    ranked = sorted((r for r in c.rivals if r.name != c.name), key=lambda r: r.over.odds)
     if verdict == AMBIGUOUS:
-        near = [r.over.odds for r in rivals if r.name in others]
-        odds = f" (odds {near[0]:.2g} to 1)" if near and not c.traded else ""
+        odds_of_others = [r.over.odds for r in ranked if r.name in others]
+        odds = f" (odds {odds_of_others[0]:.2g} to 1)" if odds_of_others and not c.traded else ""
         text += f"; {' and '.join(others)} cannot be excluded{odds}"
-    elif rivals:
-        text += f"; odds {rivals[0].over.odds:.2g} to 1 against the next name, {rivals[0].name}"
+    elif ranked:
+        text += f"; odds {ranked[0].over.odds:.2g} to 1 against the next name, {ranked[0].name}"
     if places:
         text += f"; it may also sit at {', '.join(places)}"
     for e in c.estimates:
@@ -379,8 +379,8 @@ def _summary(
     if verdict == AMBIGUOUS:
         return f"The data cannot tell {'; '.join(groups)} apart; {gap}{rest}."
     if loud is None and names:
-        beside = " and ".join(_names(rulings, UNKNOWN))
-        return f"With {names} {gap}, but only beside {beside}, which the data do not establish."
+        unknown = " and ".join(_names(rulings, UNKNOWN))
+        return f"With {names} {gap}, but only beside {unknown}, which the data do not establish."
     best = " and ".join(filter(None, [names, *groups]))
     if not after < before:
         return f"No known effect explains the gap of {before:.3g} noise floors, or lowers it."

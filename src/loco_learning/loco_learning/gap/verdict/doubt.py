@@ -29,14 +29,14 @@ def groups(case: Case, model: Fitted) -> list[dict[str, tuple[float, float]]]:
     if case.loose is None:
         robot = case.forward.given()
         return [
-            {name: (nominal.nominal_value(robot, name), spread) for name, spread in group.items()}
+            {name: (nominal.nominal_value(robot, name), sigma) for name, sigma in group.items()}
             for group in nominal.priors(robot, model.overrides)
         ]
-    known = case.loose
-    rows = list(zip(known.names, known.nominal, known.spread, known.of, strict=True))
+    values = case.loose
+    rows = list(zip(values.names, values.nominal, values.spread, values.of, strict=True))
     return [
-        {name: (float(at), float(spread)) for name, at, spread, of in rows if of == k}
-        for k in range(len(known.at))
+        {name: (float(at), float(sigma)) for name, at, sigma, of in rows if of == k}
+        for k in range(len(values.at))
     ]
 
 
@@ -47,18 +47,18 @@ def columns(case: Case, model: Fitted) -> tuple[np.ndarray, np.ndarray]:
         case: Model and data.
         model: Fitted model.
     """
-    kept, settled = case.kept(), model.settled
-    here = kept.whitened(model.specs, settled, coarse=True)
+    base_case, overrides = case.kept(), model.settled
+    reference = base_case.whitened(model.specs, overrides, coarse=True)
     moved, at = [], []
     for group in groups(case, model):
         if set(group) & set(model.overrides):
             continue
-        now = {name: settled.get(name, nominal) for name, (nominal, _) in group.items()}
-        change = {name: now[name] + spread for name, (_, spread) in group.items()}
-        moved.append(_change(kept, model, change, here))
-        name, (nominal, spread) = next(iter(group.items()))
-        at.append((now[name] - nominal) / spread)
-    return (np.stack(moved, axis=1), np.array(at)) if moved else none(identify.flat(here).size)
+        current = {name: overrides.get(name, nominal) for name, (nominal, _) in group.items()}
+        change = {name: current[name] + sigma for name, (_, sigma) in group.items()}
+        moved.append(_change(base_case, model, change, reference))
+        name, (nominal, sigma) = next(iter(group.items()))
+        at.append((current[name] - nominal) / sigma)
+    return (np.stack(moved, axis=1), np.array(at)) if moved else none(identify.flat(reference).size)
 
 
 def none(count: int) -> tuple[np.ndarray, np.ndarray]:
@@ -69,6 +69,6 @@ def none(count: int) -> tuple[np.ndarray, np.ndarray]:
 def _change(
     kept: Case, model: Fitted, change: Mapping[str, Any], here: list[np.ndarray]
 ) -> np.ndarray:
-    there = kept.whitened(model.specs, {**model.settled, **change}, coarse=True)
-    change = identify.flat([a - b for a, b in zip(there, here, strict=True)])
+    shifted = kept.whitened(model.specs, {**model.settled, **change}, coarse=True)
+    change = identify.flat([a - b for a, b in zip(shifted, here, strict=True)])
     return np.clip(np.nan_to_num(change), -kept.cap, kept.cap)

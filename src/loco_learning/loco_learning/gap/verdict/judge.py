@@ -117,45 +117,45 @@ def judge(case: Case, search: Search, found: Found, limits: Limits = LIMITS) -> 
     """
     base = found.base
     nominal = Nominal(search.nominal, search.params.free_spread)
-    little, judged = search.adequate(base), None
+    sufficient, result = search.adequate(base), None
     if found.models:
-        weighing = _Judgement(case, search, found, nominal)
-        judged = weighing.run(limits)
-        needed = judged.decision.verdict in (NAMED, MORE, AMBIGUOUS)
-        if little and not (needed and weighing.beats(judged.best, base, limits)):
-            judged = None
-    if judged is None:
-        whole = base.whole, base.whole
-        decision = decide((), found.given.held, base.held, limits, whole, gap=not little)
-        judged = Judged(decision, found.given, base, base, (), (), None)
-    if judged.decision.verdict in (NAMED, MORE):
-        others = [
+        comparison = _Judgement(case, search, found, nominal)
+        result = comparison.run(limits)
+        needed = result.decision.verdict in (NAMED, MORE, AMBIGUOUS)
+        if sufficient and not (needed and comparison.beats(result.best, base, limits)):
+            result = None
+    if result is None:
+        residuals = base.whole, base.whole
+        decision = decide((), found.given.held, base.held, limits, residuals, gap=not sufficient)
+        result = Judged(decision, found.given, base, base, (), (), None)
+    if result.decision.verdict in (NAMED, MORE):
+        alternatives = [
             model
-            for model, _ in judged.rivals
+            for model, _ in result.rivals
             if not any(on_edge(*part, limits.edge) for part in model.parts)
         ]
-        table = tuple(stable.rows(search, judged.best, base, others, search.params.seed))
-        decision = stable.downgraded(judged.decision, table)
-        judged = replace(judged, decision=decision, over_settings=table)
-    judged = replace(judged, asked=search.asked)
+        table = tuple(stable.rows(search, result.best, base, alternatives, search.params.seed))
+        decision = stable.downgraded(result.decision, table)
+        result = replace(result, decision=decision, over_settings=table)
+    result = replace(result, asked=search.asked)
     refitted = [*search.nominal, *little_off(case, base)]
-    no_gap = judged.decision.verdict == NO_GAP
-    if refitted and little and no_gap and has_gap(found.given.whole, limits):
+    no_gap = result.decision.verdict == NO_GAP
+    if refitted and sufficient and no_gap and has_gap(found.given.whole, limits):
         text = (
             f"The model is a little off. With {', '.join(refitted)} refitted it explains the data: "
             f"{found.given.held.rms:.2f} noise floors before, {base.held.rms:.2f} after."
         )
-        judged = replace(judged, decision=replace(judged.decision, evidence=text))
-    together = crowded(case, judged.after)
-    if together and judged.decision.verdict == NAMED:
-        text = f"{judged.decision.evidence} More is missing: {together}."
-        judged = replace(judged, decision=replace(judged.decision, verdict=MORE, evidence=text))
+        result = replace(result, decision=replace(result.decision, evidence=text))
+    crowding = crowded(case, result.after)
+    if crowding and result.decision.verdict == NAMED:
+        text = f"{result.decision.evidence} More is missing: {crowding}."
+        result = replace(result, decision=replace(result.decision, verdict=MORE, evidence=text))
     alarms = (
-        *judged.decision.alarms,
-        *nominal.alarms(judged.after, limits),
-        *strayed(case, judged.after, limits),
+        *result.decision.alarms,
+        *nominal.alarms(result.after, limits),
+        *strayed(case, result.after, limits),
     )
-    return replace(judged, alarms=alarms)
+    return replace(result, alarms=alarms)
 
 
 class _Judgement:
@@ -175,39 +175,39 @@ class _Judgement:
         models, out = self.nominal.believed(
             self.case, self.found.models, limits, lambda m: self._explains(m, limits)
         )
-        judged = self._swapped(self._judged(self._best(models, limits), limits), out, limits)
-        if judged.decision.verdict == UNKNOWN and judged.decision.adequate:
-            judged = self._instead(judged, {o.model.key for o in out}, limits)
-        if judged.decision.verdict == UNKNOWN:
-            judged = self._established(judged, limits)
-        return replace(judged, left_out=tuple(out))
+        result = self._swapped(self._judged(self._best(models, limits), limits), out, limits)
+        if result.decision.verdict == UNKNOWN and result.decision.adequate:
+            result = self._instead(result, {o.model.key for o in out}, limits)
+        if result.decision.verdict == UNKNOWN:
+            result = self._established(result, limits)
+        return replace(result, left_out=tuple(out))
 
     def _trifle(self, part: tuple) -> bool:
         return trifle(*part, self.sliding)
 
     def _swapped(self, judged: Judged, out: Sequence, limits: Limits) -> Judged:
         """Judgement of the best rival, if that beats the selected model."""
-        known = {o.model.key for o in out}
-        better = [
+        excluded = {o.model.key for o in out}
+        candidates = [
             model
             for model, _ in judged.rivals
             if self.beats(model, judged.best, limits)
-            and model.key not in known
+            and model.key not in excluded
             and not any(self._trifle(part) for part in model.parts)
         ]
-        best = min(better, key=lambda m: (self.search.energy(m), m.key), default=None)
+        best = min(candidates, key=lambda m: (self.search.energy(m), m.key), default=None)
         return self._judged(best, limits) if best else judged
 
     def _instead(self, judged: Judged, out: set[str], limits: Limits) -> Judged:
         """Judgement of an established rival that cannot be excluded, instead of one that is not."""
-        near = [
+        candidates = [
             m
             for m, over in judged.rivals
             if over.odds <= limits.odds
             and ratio(m, judged.best) <= sharp(limits, judged.best).worse
             and m.key not in out
         ]
-        for model in near[:INSTEAD]:
+        for model in candidates[:INSTEAD]:
             other = self._judged(model, limits)
             if other.decision.verdict != UNKNOWN:
                 return other
@@ -215,12 +215,12 @@ class _Judgement:
 
     def _established(self, judged: Judged, limits: Limits) -> Judged:
         """Judgement without the effects that are not established, if that one is established."""
-        rulings = judged.decision.rulings
-        idle = [i for i, ruling in enumerate(rulings) if ruling.verdict == UNKNOWN]
-        if not idle or len(idle) == len(rulings):
+        assessments = judged.decision.rulings
+        unknown = [i for i, assessment in enumerate(assessments) if assessment.verdict == UNKNOWN]
+        if not unknown or len(unknown) == len(assessments):
             return judged
         best = judged.best
-        for i in reversed(idle):
+        for i in reversed(unknown):
             best = self._without(best, i)
         other = self._judged(self._finished([best])[0], limits)
         if other.decision.verdict == UNKNOWN:
@@ -232,28 +232,28 @@ class _Judgement:
         self.about = best.specs if self._off(best) else None
         (best,) = self._finished(self._anew([best]))
         best, lost = self._pruned(best, limits)
-        estimates, known = sensitivities(self.case, best, doubtful=True)
+        estimates, analysis = sensitivities(self.case, best, doubtful=True)
         narrower = self._narrowed(best, estimates)
         if narrower and not self._needs(best, narrower, limits):
             return self._judged(narrower, limits)
         swaps = [self._swaps(best, i, without) for i, without in enumerate(lost)]
         rest = self._finished([m for each in swaps for m in each])
-        candidates, rivals = [], []
+        candidates, alternatives = [], []
         for i, (hypothesis, _) in enumerate(best.parts):
-            mine, rest = rest[: len(swaps[i])], rest[len(swaps[i]) :]
-            weighed = [(m, self._odds(best, m)) for m in mine]
-            rivals += weighed
-            made = self._candidate(best, i, estimates[hypothesis.key], lost[i], weighed, limits)
-            traded = self.nominal.traded(best, hypothesis, known, limits)
-            candidates.append(replace(made, traded=traded))
+            models, rest = rest[: len(swaps[i])], rest[len(swaps[i]) :]
+            scored = [(m, self._odds(best, m)) for m in models]
+            alternatives += scored
+            candidate = self._candidate(best, i, estimates[hypothesis.key], lost[i], scored, limits)
+            traded = self.nominal.traded(best, hypothesis, analysis, limits)
+            candidates.append(replace(candidate, traded=traded))
         base = self.found.base
-        whole = base.whole, best.whole
-        near = sharp(limits, best)
+        residuals = base.whole, best.whole
+        strict = sharp(limits, best)
         before, after = self._weighed(self.found.given, best)
-        decision = decide(candidates, before, after, near, whole, self.enough, gap=True)
-        rivals.sort(key=lambda pair: (pair[1].odds, pair[0].key))
-        given = self.found.given
-        return Judged(decision, given, base, best, tuple(candidates), tuple(rivals), known)
+        decision = decide(candidates, before, after, strict, residuals, self.enough, gap=True)
+        alternatives.sort(key=lambda pair: (pair[1].odds, pair[0].key))
+        first = self.found.given
+        return Judged(decision, first, base, best, tuple(candidates), tuple(alternatives), analysis)
 
     def _explains(self, model: Fitted, limits: Limits) -> bool:
         """True if a model explains the data."""
@@ -266,8 +266,8 @@ class _Judgement:
         models = self._finished(list(leading.values()))
         models.sort(key=lambda m: (m.count, self.search.energy(m), m.key))
         for model in models:
-            rivals = (other for other in models if other is not model)
-            if not any(self.beats(r, model, limits) for r in rivals):
+            alternatives = (other for other in models if other is not model)
+            if not any(self.beats(r, model, limits) for r in alternatives):
                 return model
         return min(models, key=lambda m: (self.search.energy(m), m.key))
 
@@ -275,20 +275,20 @@ class _Judgement:
         """The model without superfluous effects, and that model without each remaining effect."""
         while True:
             lost = self._finished([self._without(best, i) for i in range(len(best.parts))])
-            idle = [m for m in lost if m.parts and not self._needs(best, m, limits)]
-            if not idle:
+            superfluous = [m for m in lost if m.parts and not self._needs(best, m, limits)]
+            if not superfluous:
                 return best, lost
-            best = min(idle, key=lambda m: (self.search.energy(m), m.key))
+            best = min(superfluous, key=lambda m: (self.search.energy(m), m.key))
 
     def _narrowed(self, best: Fitted, estimates: Mapping[str, Sequence[Estimate]]) -> Fitted | None:
         """The model without the idle joints of its families, refitted; None if there are none."""
         parts = []
         for hypothesis, x in best.parts:
-            idle = _idle(hypothesis, estimates[hypothesis.key])
-            mine = [joint for joint in hypothesis.joints if joint not in idle]
-            if 0 < len(mine) < len(hypothesis.joints):
-                offered, joints = self.search.hypotheses, self.search.joints
-                hypothesis, x = fewer(hypothesis, x, mine, offered, joints)
+            negligible = _idle(hypothesis, estimates[hypothesis.key])
+            members = [joint for joint in hypothesis.joints if joint not in negligible]
+            if 0 < len(members) < len(hypothesis.joints):
+                hypotheses, joints = self.search.hypotheses, self.search.joints
+                hypothesis, x = fewer(hypothesis, x, members, hypotheses, joints)
             parts.append((hypothesis, x))
         if {h.key for h, _ in parts} <= {h.key for h, _ in best.parts}:
             return None
@@ -311,16 +311,16 @@ class _Judgement:
 
     def _plain(self, a: Fitted, b: Fitted, limits: Limits) -> bool:
         """True if `b`, with fewer effects, is at the floor and its residual is hardly larger."""
-        base, more, less = (
+        base, larger, smaller = (
             evidence.excess(self._weighed(self.found.base, m)[1].residuals)
             for m in (self.found.base, a, b)
         )
-        return self._settled(b, limits) and less - more <= LEAST_SHARE * base
+        return self._settled(b, limits) and smaller - larger <= LEAST_SHARE * base
 
     def _settled(self, model: Fitted, limits: Limits) -> bool:
         """True if the residual of a model is at the floor, or within the requested accuracy."""
-        nothing = limits.replace(most=1.0, aside=0.0)
-        return adequate(self.found.base.whole, model.whole, nothing, self.enough)
+        strict = limits.replace(most=1.0, aside=0.0)
+        return adequate(self.found.base.whole, model.whole, strict, self.enough)
 
     def _finished(self, models: Sequence[Fitted]) -> list[Fitted]:
         """Models refitted with their own step error, if that is better.
@@ -329,8 +329,8 @@ class _Judgement:
         """
         new = {m.key: m for m in models if m.key not in self.done or self._better(m)}
         tasks = [(m, self.search.setting) for m in new.values()]
-        for key, polished in zip(new, self.search.each(finish, tasks), strict=True):
-            self.done[key] = polished
+        for key, refined in zip(new, self.search.each(finish, tasks), strict=True):
+            self.done[key] = refined
         return [self.done[m.key] for m in models]
 
     def _off(self, model: Fitted) -> bool:
@@ -344,8 +344,8 @@ class _Judgement:
         if self.about is None:
             return list(models)
         tasks = [(m.parts, self.search.setting, self.about) for m in models]
-        again = self.search.each(anew, tasks)
-        return [min(pair, key=self.search.energy) for pair in zip(models, again, strict=True)]
+        refits = self.search.each(anew, tasks)
+        return [min(pair, key=self.search.energy) for pair in zip(models, refits, strict=True)]
 
     def _fitted(self, parts: Parts) -> Fitted:
         """A model fitted from the coordinates of its parts."""
@@ -364,9 +364,9 @@ class _Judgement:
         left = [part for i, part in enumerate(best.parts) if i != index]
         if not left:
             return self.found.base
-        again = self._fitted(left)
-        known = [model for model in self.found.models if model.key == again.key]
-        return min((*known, *self._anew([again])), key=self.search.energy)
+        refit = self._fitted(left)
+        candidates = [model for model in self.found.models if model.key == refit.key]
+        return min((*candidates, *self._anew([refit])), key=self.search.energy)
 
     def _swaps(self, best: Fitted, index: int, without: Fitted) -> list[Fitted]:
         """Models with another effect, or the same at another place, instead of one effect.
@@ -374,31 +374,31 @@ class _Judgement:
         If the model has a gap, the search may have missed an effect that explains most beside the
         others, because it explains less beside this one.
         """
-        mine = best.parts[index][0]
-        others = sorted(h.key for i, (h, _) in enumerate(best.parts) if i != index)
+        target = best.parts[index][0]
+        remaining = sorted(h.key for i, (h, _) in enumerate(best.parts) if i != index)
         fitted: dict[str, Fitted] = {}
         for model in self.found.models:
             keys = [h.key for h, _ in model.parts]
-            if all(keys.count(k) >= others.count(k) for k in others):
-                other = [h for h, _ in model.parts if h.key not in others]
-                if len(other) == 1 and len(keys) == len(best.parts) and other[0].key != mine.key:
+            if all(keys.count(k) >= remaining.count(k) for k in remaining):
+                other = [h for h, _ in model.parts if h.key not in remaining]
+                if len(other) == 1 and len(keys) == len(best.parts) and other[0].key != target.key:
                     fitted.setdefault(other[0].key, model)
         new = [
             (s.hypothesis, s.x)
-            for s in leading(self.found.screened, mine)
-            if s.hypothesis.key not in (*fitted, *others)
+            for s in leading(self.found.screened, target)
+            if s.hypothesis.key not in (*fitted, *remaining)
         ]
         rest = tuple(part for i, part in enumerate(best.parts) if i != index)
-        alike = min(LOOK_ALIKES, sum(h.effect in look_alikes(mine) for h, _ in new))
-        new = new[: max(alike, RIVAL_NAMES - len({m.key for m in fitted.values()}))]
+        similar = min(LOOK_ALIKES, sum(h.effect in look_alikes(target) for h, _ in new))
+        new = new[: max(similar, RIVAL_NAMES - len({m.key for m in fitted.values()}))]
         if rest and not self.search.adequate(best):
-            beside = self.search.beside(without, self.found.screened)
-            known = {*fitted, *others, mine.key, *(h.key for h, _ in new)}
-            new += [(s.hypothesis, s.x) for s in beside if s.hypothesis.key not in known]
+            additional = self.search.beside(without, self.found.screened)
+            excluded = {*fitted, *remaining, target.key, *(h.key for h, _ in new)}
+            new += [(s.hypothesis, s.x) for s in additional if s.hypothesis.key not in excluded]
         tasks = [((*rest, part), self.search.setting) for part in new]
         models = [*fitted.values(), *self.search.each(fit, tasks)]
         models.sort(key=lambda m: (self.search.energy(m), m.key))
-        return self._anew(few(models, mine, others))
+        return self._anew(few(models, target, remaining))
 
     def _closed(self, model: Fitted) -> float:
         """Share of the gap of the reference model that a model closes on held-out data."""
@@ -442,22 +442,22 @@ class _Judgement:
         limits: Limits,
     ) -> Candidate:
         hypothesis = best.parts[index][0]
-        others = [h.key for i, (h, _) in enumerate(best.parts) if i != index]
-        made = []
+        remaining = [h.key for i, (h, _) in enumerate(best.parts) if i != index]
+        alternatives = []
         for model, over in rivals:
-            (part,) = [part for part in model.parts if part[0].key not in others]
+            (part,) = [part for part in model.parts if part[0].key not in remaining]
             other, _ = part
-            closed, worse = self._closed(model), ratio(model, best)
-            edge = on_edge(*part, limits.edge)
-            made.append(
-                Rival(other.effect, other.place, over, closed, self._trifle(part), worse, edge)
+            closed, growth = self._closed(model), ratio(model, best)
+            at_bound = on_edge(*part, limits.edge)
+            alternatives.append(
+                Rival(other.effect, other.place, over, closed, self._trifle(part), growth, at_bound)
             )
         return Candidate(
             hypothesis.effect,
             hypothesis.place,
             estimates,
             *self._gain(best, without),
-            tuple(made),
+            tuple(alternatives),
             self._trifle(best.parts[index]),
             total=self._total(best, without),
             worse=ratio(without, best),
@@ -477,15 +477,15 @@ def _idle(hypothesis: Hypothesis, estimates: Sequence[Estimate]) -> set[str]:
             largest[c.name] = max(largest.get(c.name, 0.0), abs(e.value - e.absent))
 
     def little(e: Estimate, largest: float) -> bool:
-        most, doubt = max(-e.low, e.high), 0.5 * NEARLY * (e.high - e.low)
-        doubtful = abs(e.value - e.absent) < doubt
-        return most < (LESS if doubtful else LITTLE_BESIDE) * largest
+        bound, tolerance = max(-e.low, e.high), 0.5 * NEARLY * (e.high - e.low)
+        uncertain = abs(e.value - e.absent) < tolerance
+        return bound < (LESS if uncertain else LITTLE_BESIDE) * largest
 
-    there = {
+    significant = {
         c.of
         for c, e in pairs
         if c.strength
         and not (c.one_sided and e.value == e.absent)  # at its bound, 0
         and not little(e, largest[c.name])
     }
-    return set(hypothesis.joints) - there
+    return set(hypothesis.joints) - significant

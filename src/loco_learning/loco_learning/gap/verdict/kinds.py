@@ -42,16 +42,16 @@ def shared(candidate: Candidate, ruling: Ruling, limits: Limits = LIMITS) -> Kin
         limits: Conditions of the verdict.
     """
     names = {ruling.name, *ruling.look_alikes}
-    kinds = {kind_of(name) for name in names}
-    if ruling.verdict != AMBIGUOUS or len(kinds) > 1 or kinds == {""}:
+    groups = {kind_of(name) for name in names}
+    if ruling.verdict != AMBIGUOUS or len(groups) > 1 or groups == {""}:
         return None
-    (kind,) = kinds
-    near = serious(candidate, limits)
-    places = {candidate.place, *(r.place for r in near if r.name in ruling.look_alikes)}
-    odds = [r.over.odds for r in near if kind_of(r.name) != kind]
+    (kind,) = groups
+    alternatives = serious(candidate, limits)
+    locations = {candidate.place, *(r.place for r in alternatives if r.name in ruling.look_alikes)}
+    odds = [r.over.odds for r in alternatives if kind_of(r.name) != kind]
     return Kind(
         kind,
-        tuple(sorted(places | set(ruling.places))),
+        tuple(sorted(locations | set(ruling.places))),
         tuple(sorted(names)),
         min(odds, default=candidate.gain.odds),
     )

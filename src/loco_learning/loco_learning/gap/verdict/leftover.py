@@ -51,7 +51,7 @@ def adequate(
     """
     total = evidence.by_channel(after)
     left = [c for c, rms in enumerate(total) if enough is None or rms > enough[c]]
-    aside = 0.0
+    unexplained = 0.0
     for old, new in zip(before, after, strict=True):
         noise = explained([new], limits)
         for column in left:
@@ -59,6 +59,6 @@ def adequate(
             if not noise[column] and evidence.closed(*rms) < limits.most:
                 if abs(rms[1] - rms[0]) > SAME * rms[0] or total[column] > limits.alone:
                     return False
-                aside += evidence.excess([new[:, [column]]])
-    whole = sum(evidence.excess([r]) for r in before)
-    return aside <= limits.aside * whole
+                unexplained += evidence.excess([new[:, [column]]])
+    initial = sum(evidence.excess([r]) for r in before)
+    return unexplained <= limits.aside * initial

@@ -29,9 +29,9 @@ def occam(a: Fitted, b: Fitted) -> float:
     criterion over all data, plus the prior penalty of shapes, both within limits.
     """
     price = 0.5 * math.log(max(min(a.score.n_eff, b.score.n_eff), 1.0))
-    most = math.log(MOST_PRICE)
+    limit = math.log(MOST_PRICE)
     both = price * (a.paid - b.paid), a.strain - b.strain
-    return sum(min(max(nat, -most), most) for nat in both)
+    return sum(min(max(nat, -limit), limit) for nat in both)
 
 
 def trifle(hypothesis: Hypothesis, x: Sequence[float], sliding: Collection[str] = ()) -> bool:
@@ -53,8 +53,8 @@ def trifle(hypothesis: Hypothesis, x: Sequence[float], sliding: Collection[str] 
         prior = priors.get(c.name)
         if prior is None or c.unit not in COMPARABLE or (lengths and c.unit == "rad"):
             return False
-        least = TRIFLE[0] * prior.low if prior.low > 0.0 else TRIFLE[1] * prior.high
-        if abs(c.value(at)) > least:
+        threshold = TRIFLE[0] * prior.low if prior.low > 0.0 else TRIFLE[1] * prior.high
+        if abs(c.value(at)) > threshold:
             return False
     return True
 
@@ -92,36 +92,36 @@ def sharp(limits: Limits, model: Fitted) -> Limits:
 
 def ratio(a: Fitted, b: Fitted) -> float:
     """Ratio of the rms of two models on all data, at most 1 if the first is better on held-out."""
-    more = evidence.rms(a.whole) / evidence.rms(b.whole)
-    return more if elsewhere(a) or a.held.rms > b.held.rms else min(more, 1.0)
+    quotient = evidence.rms(a.whole) / evidence.rms(b.whole)
+    return quotient if elsewhere(a) or a.held.rms > b.held.rms else min(quotient, 1.0)
 
 
 def look_alikes(mine: Hypothesis) -> set[str]:
     """Names of the effects that are easily mistaken for a given one."""
-    return {alike.name for alike in EFFECTS[mine.effect].identity.look_alikes}
+    return {effect.name for effect in EFFECTS[mine.effect].identity.look_alikes}
 
 
 def leading(screened: Sequence, mine: Hypothesis) -> list:
     """Best hypothesis of each other effect with a share, look-alikes first."""
-    alike = look_alikes(mine)
+    similar = look_alikes(mine)
     best: dict[str, object] = {}
     for s in sorted(screened, key=lambda s: (-s.share, s.hypothesis.key)):
         if not s.dead and s.share > 0.0 and s.hypothesis.effect != mine.effect:
             best.setdefault(s.hypothesis.effect, s)
-    return sorted(best.values(), key=lambda s: (s.hypothesis.effect not in alike, -s.share))
+    return sorted(best.values(), key=lambda s: (s.hypothesis.effect not in similar, -s.share))
 
 
 def few(models: Sequence[Fitted], mine: Hypothesis, others: Sequence[str]) -> list[Fitted]:
     """Best model of each of a few other names, and of each of a few other places."""
-    kept, names, places = [], set(), set()
+    selected, names, unique = [], set(), set()
     for model in models:
         (other,) = [h for h, _ in model.parts if h.key not in others]
         if other.effect != mine.effect and other.effect not in names and len(names) < RIVAL_NAMES:
             names.add(other.effect)
-            kept.append(model)
+            selected.append(model)
         elif (
-            other.effect == mine.effect and other.place not in places and len(places) < RIVAL_PLACES
+            other.effect == mine.effect and other.place not in unique and len(unique) < RIVAL_PLACES
         ):
-            places.add(other.place)
-            kept.append(model)
-    return kept
+            unique.add(other.place)
+            selected.append(model)
+    return selected

@@ -37,15 +37,15 @@ def steps(records: Sequence[Record], robot: Robot) -> dict[str, float]:
     A step that is small compared to the noise is left out: it has no influence, and whether it is
     detected depends on the digits of a file.
     """
-    found = {}
+    result = {}
     for j, joint in enumerate(robot.joints):
-        known = [r.resolution.get(("q", joint), 0.0) for r in records if joint in r.joints]
-        step = min(known, default=0.0)  # the record with the finest readings has the sensor's step
+        values = [r.resolution.get(("q", joint), 0.0) for r in records if joint in r.joints]
+        step = min(values, default=0.0)  # the record with the finest readings has the sensor's step
         if joint in robot.hall or not step > COARSER * declared(robot, joint):
             continue
         if step > VISIBLE * noise.white([r.read_of(robot, "q")[:, j] for r in records], step):
-            found[joint] = step
-    return found
+            result[joint] = step
+    return result
 
 
 def declared(robot: Robot, joint: str) -> float:

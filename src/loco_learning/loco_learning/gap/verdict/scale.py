@@ -33,31 +33,31 @@ def masses(robot: Robot, factor: float) -> dict[str, float]:
     """Values of robot.yaml with all link masses multiplied by a factor; inertias follow."""
     text = Description(robot.urdf)
     total = {link: sum(text.mass_of(below) for below in text.below(link)) for link in text.links()}
-    weighed = [link for link in total if text.mass_of(link) > 0.0]  # others are frames
-    return {f"masses.{link}": factor * total[link] for link in weighed}
+    links = [link for link in total if text.mass_of(link) > 0.0]  # others are frames
+    return {f"masses.{link}": factor * total[link] for link in links}
 
 
 def words(case: Case, model: Fitted) -> list[str]:
     """Strengths that are confounded with the scale of the drive torques, one sentence each."""
-    said = []
+    messages = []
     for row in ambiguous(case, model):
-        alone, together = row["torque"], row["torque_and_masses"]
-        if max(alone, together) <= identify.SAME_DIRECTION:
+        single, combined = row["torque"], row["torque_and_masses"]
+        if max(single, combined) <= identify.SAME_DIRECTION:
             continue
         what = f"{row['parameter'].replace('.', ' ').replace('_', ' ')} {row['place']}".strip()
-        if alone > identify.SAME_DIRECTION:
-            said.append(
+        if single > identify.SAME_DIRECTION:
+            messages.append(
                 f"{what} and the scale of the drives' torque: only their ratio shows (cosine "
-                f"{alone:.3f}). Its size is as right as the torque in robot.yaml: weigh it, or "
+                f"{single:.3f}). Its size is as right as the torque in robot.yaml: weigh it, or "
                 "hang a known mass on the joint."
             )
         else:
-            said.append(
+            messages.append(
                 f"{what}, the scale of the drives' torque and that of all masses: only their "
-                f"ratios show (cosine {together:.3f}). Its size is as right as the torque and the "
+                f"ratios show (cosine {combined:.3f}). Its size is as right as the torque and the "
                 "masses in robot.yaml: measure one of them."
             )
-    return said
+    return messages
 
 
 def ambiguous(case: Case, model: Fitted) -> list[dict[str, Any]]:
@@ -75,13 +75,13 @@ def ambiguous(case: Case, model: Fitted) -> list[dict[str, Any]]:
     robot = case.forward.given()
     if set(case.signals) & set(ABSOLUTE) or not torques(robot, 1.0):
         return []
-    kept = case.kept()
-    here = kept.whitened(model.specs, model.settled)
+    base_case = case.kept()
+    reference = base_case.whitened(model.specs, model.settled)
     weight = np.sqrt(identify.weights(model.score))
 
     def column(specs: Sequence[Mapping], overrides: Mapping[str, float]) -> np.ndarray:
-        moved = kept.whitened(specs, {**model.settled, **overrides})
-        change = identify.flat([a - b for a, b in zip(moved, here, strict=True)])
+        moved = base_case.whitened(specs, {**model.settled, **overrides})
+        change = identify.flat([a - b for a, b in zip(moved, reference, strict=True)])
         return np.nan_to_num(np.clip(change, -case.cap, case.cap)) * weight
 
     factor = math.exp(SCALE_STEP)
@@ -91,14 +91,14 @@ def ambiguous(case: Case, model: Fitted) -> list[dict[str, Any]]:
     for i, (hypothesis, x) in enumerate(model.parts):
         for j in filter(partial(_forceful, hypothesis), hypothesis.strengths):
             specs = model.moved(i, [v * (1.0 + STRENGTH * (k == j)) for k, v in enumerate(x)])
-            mine = column(specs, {})
-            alone, together = (identify.imitated(mine, c) for c in (torque[:, None], both))
+            direction = column(specs, {})
+            single, combined = (identify.imitated(direction, c) for c in (torque[:, None], both))
             rows.append(
                 {
                     "parameter": f"{hypothesis.effect}.{hypothesis.coordinates[j].label}",
                     "place": hypothesis.place,
-                    "torque": alone,
-                    "torque_and_masses": together,
+                    "torque": single,
+                    "torque_and_masses": combined,
                 }
             )
     return rows

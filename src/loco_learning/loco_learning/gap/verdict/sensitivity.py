@@ -43,26 +43,26 @@ def sensitivities(
     names, moves = _moves(model)
     if not moves:
         return {}, None
-    kept, settled = case.kept(), model.settled
-    here = kept.whitened(model.specs, settled)
-    moves = [(specs, {**settled, **overrides}, step) for specs, overrides, step in moves]
-    matrix = np.stack([_column(kept, here, *move) for move in moves], axis=1)
+    base_case, refitted = case.kept(), model.settled
+    reference = base_case.whitened(model.specs, refitted)
+    moves = [(specs, {**refitted, **overrides}, step) for specs, overrides, step in moves]
+    matrix = np.stack([_column(base_case, reference, *move) for move in moves], axis=1)
     weight = identify.weights(model.score)
-    known = identify.analyse(matrix, names, list(model.overrides), weight)
-    doubts = doubt.columns(case, model) if doubtful else doubt.none(len(matrix))
+    analysis = identify.analyse(matrix, names, list(model.overrides), weight)
+    uncertain = doubt.columns(case, model) if doubtful else doubt.none(len(matrix))
     groups = robust.clusters(model.whole, case.forward.begun())
-    half, spread = _half_widths(matrix, model, weight, doubts, groups)
+    widths, deviation = _half_widths(matrix, model, weight, uncertain, groups)
     sizes, with_shapes = ~_shapes(model, len(names)), np.full(len(names), np.nan)
-    with_shapes[sizes], _ = _half_widths(matrix[:, sizes], model, weight, doubts, groups)
-    found, start = {}, 0
+    with_shapes[sizes], _ = _half_widths(matrix[:, sizes], model, weight, uncertain, groups)
+    result, start = {}, 0
     for i, (hypothesis, x) in enumerate(model.parts):
         rows = slice(start, start + len(x))
-        each = half[rows], spread[rows], with_shapes[rows]
-        alone = known.errors_alone[rows]
-        ends = _profiled(kept, model, i, here, half[rows], alone) if doubtful else {}
-        found[hypothesis.key] = estimates(hypothesis, x, *each, ends)
+        each = widths[rows], deviation[rows], with_shapes[rows]
+        single = analysis.errors_alone[rows]
+        limits = _profiled(base_case, model, i, reference, widths[rows], single) if doubtful else {}
+        result[hypothesis.key] = estimates(hypothesis, x, *each, limits)
         start += len(x)
-    return found, known
+    return result, analysis
 
 
 def _half_widths(
@@ -78,9 +78,9 @@ def _half_widths(
     errors = identify.standard_errors(matrix, weight)
     errors = np.sqrt(errors**2 + steady.spread**2 / len(steady.shifts))
     columns, at = doubts
-    half = robust.half_widths(matrix, columns, left, groups, weight, at)
-    spread = np.where(steady.probability < UNLIKELY, steady.spread, 0.0)
-    return np.maximum(half, NORMAL * errors), spread
+    widths = robust.half_widths(matrix, columns, left, groups, weight, at)
+    deviation = np.where(steady.probability < UNLIKELY, steady.spread, 0.0)
+    return np.maximum(widths, NORMAL * errors), deviation
 
 
 def estimates(
@@ -102,17 +102,17 @@ def estimates(
         ends: Both ends of the intervals of those coordinates that were profiled.
     """
     passive = EFFECTS[hypothesis.effect].identity.passive
-    found = []
+    result = []
     columns = hypothesis.coordinates, x, half, spread, with_shapes
-    for j, (c, at, far, wide, sure) in enumerate(zip(*columns, strict=True)):
-        both = (ends or {}).get(j, (at - far, at + far))
+    for j, (c, at, half_width, wide, deviation) in enumerate(zip(*columns, strict=True)):
+        both = (ends or {}).get(j, (at - half_width, at + half_width))
         if both[0] > 0.0 or both[1] < 0.0:  # a profile that excludes 0 overrides derivatives
-            sure = min(sure, abs(at) - 1e-12) if j in (ends or {}) else sure
+            deviation = min(deviation, abs(at) - 1e-12) if j in (ends or {}) else deviation
         both = sorted(_unbounded(c, end) for end in both)
         sign = 1 if passive and c.strength and c.one_sided else 0
-        size = (0.0, sign, abs(wide * c.size), abs(sure * c.size)) if c.strength else (None,)
-        found.append(Estimate(c.label, c.value(at), *both, c.unit, c.low, c.high, *size))
-    return tuple(found)
+        size = (0.0, sign, abs(wide * c.size), abs(deviation * c.size)) if c.strength else (None,)
+        result.append(Estimate(c.label, c.value(at), *both, c.unit, c.low, c.high, *size))
+    return tuple(result)
 
 
 def _profiled(
@@ -136,22 +136,22 @@ def _profiled(
     hypothesis, x = model.parts[index]
     smooth = EFFECTS[hypothesis.effect].identity.smooth
     weight, left = identify.weights(model.score), np.nan_to_num(identify.flat(here))
-    found = {}
+    result = {}
     for j in hypothesis.strengths:
-        at, far = x[j], float(half[j])
-        usable = np.isfinite([far, alone[j]]).all() and at != 0.0
-        if not usable or (smooth and far <= STRAIGHT * abs(at)):
+        at, half_width = x[j], float(half[j])
+        usable = np.isfinite([half_width, alone[j]]).all() and at != 0.0
+        if not usable or (smooth and half_width <= STRAIGHT * abs(at)):
             continue
 
         def cost(value: float, j: int = j) -> float:
             specs = model.moved(index, [value if k == j else v for k, v in enumerate(x)])
-            there = np.nan_to_num(identify.flat(case.whitened(specs, model.settled)))
-            return 0.5 * float(weight @ (np.square(there) - np.square(left)))
+            residual = np.nan_to_num(identify.flat(case.whitened(specs, model.settled)))
+            return 0.5 * float(weight @ (np.square(residual) - np.square(left)))
 
         c = hypothesis.coordinates[j]
-        promised = 0.5 * (far / float(alone[j])) ** 2
-        found[j] = profile.ends(cost, at, far, promised, c.one_sided)
-    return found
+        predicted = 0.5 * (half_width / float(alone[j])) ** 2
+        result[j] = profile.ends(cost, at, half_width, predicted, c.one_sided)
+    return result
 
 
 def halves(whole: Sequence[np.ndarray]) -> np.ndarray:

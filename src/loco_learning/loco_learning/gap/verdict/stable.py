@@ -69,10 +69,10 @@ def again(case: Case, model: Fitted, judging: int, setting: Setting) -> tuple[np
     fitted = [np.full(len(rows), i != judging) for i, rows in enumerate(case.fit_rows)]
     case = case.corrected(model.specs, model.overrides)
     case = replace(case, fit_rows=fitted, held_rows=[~rows for rows in fitted])
-    few = setting.params.replace(evaluations=max(4, REFIT - 3 * (model.count - 1)))
-    found = fit(case, model.parts, replace(setting, params=few, free=model.overrides))
+    reduced = setting.params.replace(evaluations=max(4, REFIT - 3 * (model.count - 1)))
+    refit = fit(case, model.parts, replace(setting, params=reduced, free=model.overrides))
     start = weigh(case, model.parts, model.overrides)
-    return min((start, found), key=lambda m: m.fit_rms).whole
+    return min((start, refit), key=lambda m: m.fit_rms).whole
 
 
 def rows(search: Any, best: Fitted, base: Fitted, others: Sequence[Fitted], seed: int) -> list[Row]:
@@ -85,8 +85,8 @@ def rows(search: Any, best: Fitted, base: Fitted, others: Sequence[Fitted], seed
         others: Rivals, the hardest to exclude first.
         seed: Seed of the resampling.
     """
-    rivals = [m for m in others if m.names != best.names][:RIVALS]
-    models = [best, base, *rivals]
+    alternatives = [m for m in others if m.names != best.names][:RIVALS]
+    models = [best, base, *alternatives]
     names = [m.names for m in models]
     return [_row(*each[:2], names, each[2], seed) for each in _settings(search, models)]
 
@@ -94,12 +94,12 @@ def rows(search: Any, best: Fitted, base: Fitted, others: Sequence[Fitted], seed
 def _settings(search: Any, models: Sequence[Fitted]) -> Iterator[tuple[str, str, list]]:
     """Kind and name of each setting, with the residuals of all models under it."""
     case = search.case
-    judging = _loudest(models[1], SPLITS)
-    tasks = [(m, i, search.setting) for i in judging for m in models]
+    held_out = _loudest(models[1], SPLITS)
+    tasks = [(m, i, search.setting) for i in held_out for m in models]
     results = list(search.each(again, tasks)) if len(models[1].whole) > 1 else []
-    for k, i in enumerate(judging if results else ()):
-        mine = results[k * len(models) : (k + 1) * len(models)]
-        yield "split", f"{case.records[i].name} judges", [[whole[i]] for whole in mine]
+    for k, i in enumerate(held_out if results else ()):
+        group = results[k * len(models) : (k + 1) * len(models)]
+        yield "split", f"{case.records[i].name} judges", [[residuals[i]] for residuals in group]
     for part in range(STRETCHES):
         stretches = [[np.array_split(r, STRETCHES)[part] for r in m.whole] for m in models]
         yield "stretch", f"{('first', 'second')[part]} half of each record", stretches
@@ -114,19 +114,19 @@ def _loudest(base: Fitted, count: int) -> list[int]:
 
 
 def _row(vary: str, words: str, names: list, residuals: list, seed: int) -> Row:
-    best, *others = [evidence.score(r) for r in residuals]
+    best, *scores = [evidence.score(r) for r in residuals]
     rng = np.random.default_rng([seed, STABLE])
-    over = [evidence.compare(best, other, rng).odds for other in others]
-    worst = int(np.argmin(over))
-    wins = over[worst] >= 1.0
+    over = [evidence.compare(best, other, rng).odds for other in scores]
+    closest = int(np.argmin(over))
+    wins = over[closest] >= 1.0
     return Row(
         vary,
         words,
-        names[0] if wins else names[1 + worst],
-        over[worst],
-        names[1 + worst],
+        names[0] if wins else names[1 + closest],
+        over[closest],
+        names[1 + closest],
         evidence.closed_by(residuals[1], residuals[0]),
-        over[worst] < 1.0 / FLIPS,
+        over[closest] < 1.0 / FLIPS,
     )
 
 
@@ -141,13 +141,13 @@ def downgraded(decision: Decision, table: Sequence[Row]) -> Decision:
     if decision.verdict not in (NAMED, MORE) or not flips:
         return decision
     row = min(flips, key=lambda r: r.odds)
-    said = " and ".join(row.names) or NOTHING
+    names = " and ".join(row.names) or NOTHING
     text = (
-        f"The name hangs on the settings: with {row.vary} {row.setting!r} {said} has odds of "
+        f"The name hangs on the settings: with {row.vary} {row.setting!r} {names} has odds of "
         f"{min(1.0 / max(row.odds, 1e-9), evidence.MOST_ODDS):.3g} to 1. {decision.evidence}"
     )
-    rulings = tuple(_unsure(r, flips, decision.names, text) for r in decision.rulings)
-    return replace(decision, verdict=AMBIGUOUS, rulings=rulings, evidence=text)
+    assessments = tuple(_unsure(r, flips, decision.names, text) for r in decision.rulings)
+    return replace(decision, verdict=AMBIGUOUS, rulings=assessments, evidence=text)
 
 
 def _unsure(ruling: Ruling, flips: Sequence[Row], named: Sequence[str], text: str) -> Ruling:
@@ -162,7 +162,7 @@ def _unsure(ruling: Ruling, flips: Sequence[Row], named: Sequence[str], text: st
     without = [flip for flip in flips if ruling.name not in flip.names]
     if not without:
         return ruling
-    others = {name for flip in without for name in flip.names} - set(named)
-    alike = tuple(sorted({*ruling.look_alikes, *others}))
-    return replace(ruling, verdict=AMBIGUOUS, look_alikes=alike, odds=min(ruling.odds, 1.0),
+    alternatives = {name for flip in without for name in flip.names} - set(named)
+    similar = tuple(sorted({*ruling.look_alikes, *alternatives}))
+    return replace(ruling, verdict=AMBIGUOUS, look_alikes=similar, odds=min(ruling.odds, 1.0),
                    evidence=f"{ruling.evidence} {text.split('. ')[0]}.")  # fmt: skip

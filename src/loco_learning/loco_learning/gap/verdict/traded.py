@@ -57,11 +57,11 @@ class Nominal:
 
     def strained(self, model: Fitted, limits: Limits) -> tuple[str, ...]:
         """Values that a fit moved out of their plausible range."""
-        most = limits.strained * self.spread
+        limit = limits.strained * self.spread
         return tuple(
             name
             for name, value in model.overrides.items()
-            if abs(math.log(value / self.values[name])) > most
+            if abs(math.log(value / self.values[name])) > limit
         )
 
     def alarms(self, model: Fitted, limits: Limits) -> tuple[str, ...]:
@@ -77,8 +77,8 @@ class Nominal:
         self, model: Fitted, of: Hypothesis, known: Identifiability, limits: Limits
     ) -> tuple[str, ...]:
         """Implausible values that imitate an effect."""
-        alike = cosine(of, known)
-        return self.strained(model, limits) if alike > limits.imitated else ()
+        similarity = cosine(of, known)
+        return self.strained(model, limits) if similarity > limits.imitated else ()
 
     def believed(
         self,
@@ -98,36 +98,36 @@ class Nominal:
         Returns:
             Models to consider, all if none explains the data, and the excluded ones.
         """
-        kept, out = [], []
+        retained, out = [], []
         for model in models:
-            found = self._left_out(case, model, limits)
-            (out if found else kept).append(found or model)
-        return (kept, out) if any(map(explains, kept)) else (list(models), [])
+            excluded = self._left_out(case, model, limits)
+            (out if excluded else retained).append(excluded or model)
+        return (retained, out) if any(map(explains, retained)) else (list(models), [])
 
     def _left_out(self, case: Case, model: Fitted, limits: Limits) -> LeftOut | None:
         values = self.strained(model, limits)
         if not values:
             return None
-        known = sensitivities(case, model)[1]
-        alike = [(h.effect, h.place, cosine(h, known)) for h, _ in model.parts]
-        found = tuple(one for one in alike if one[2] > limits.imitated)
-        return LeftOut(model, found, values) if found else None
+        analysis = sensitivities(case, model)[1]
+        similarities = [(h.effect, h.place, cosine(h, analysis)) for h, _ in model.parts]
+        matches = tuple(one for one in similarities if one[2] > limits.imitated)
+        return LeftOut(model, matches, values) if matches else None
 
 
 def strayed(case: Case, model: Fitted, limits: Limits) -> tuple[str, ...]:
     """Uncertain values that were refitted out of their plausible range, a sentence each."""
     if case.loose is None:
         return ()
-    together = crowded(case, model)
-    on = _names(case, on_bounds(case, model)) if together else ()
-    known = zip(case.loose.names, case.loose.nominal, case.loose.spread, strict=True)
-    alone = tuple(
+    crowding = crowded(case, model)
+    on = _names(case, on_bounds(case, model)) if crowding else ()
+    values = zip(case.loose.names, case.loose.nominal, case.loose.spread, strict=True)
+    single = tuple(
         f"{name} goes from {at:.3g} to {model.loose[name]:.3g}: more than {limits.strained:g} "
         "deviations of what is known of it"
-        for name, at, spread in known
-        if name not in on and abs(model.loose.get(name, at) - at) > limits.strained * spread
+        for name, at, deviation in values
+        if name not in on and abs(model.loose.get(name, at) - at) > limits.strained * deviation
     )
-    return ((together,) if together else ()) + alone
+    return ((crowding,) if crowding else ()) + single
 
 
 def crowded(case: Case, model: Fitted) -> str:
@@ -137,8 +137,8 @@ def crowded(case: Case, model: Fitted) -> str:
     model lacks.
     """
     on = on_bounds(case, model)
-    count, beyond = int(np.sum(on)), 2.0 * ndtr(-MOST)
-    if not count or 1.0 - bdtr(count - 1, len(on), beyond) >= RARE:
+    count, probability = int(np.sum(on)), 2.0 * ndtr(-MOST)
+    if not count or 1.0 - bdtr(count - 1, len(on), probability) >= RARE:
         return ""
     return (
         f"{count} of {len(on)} values on their bound: the model lacks something that these "
@@ -159,37 +159,37 @@ def put_right(case: Case, model: Fitted) -> dict[str, Any]:
     A value on its bound imitates something else, and a change within chance is not established:
     both keep their nominal values.
     """
-    near = case.loose
-    if near is None or not model.loose:
+    uncertain = case.loose
+    if uncertain is None or not model.loose:
         return model.settled
-    by, score = near.deviations(model.loose), model.score
+    by, score = uncertain.deviations(model.loose), model.score
     weight = [1.0 / (tau * score.scale**2) for tau in score.tau]
-    stays = near.bound(by)
-    stays |= near.idle(np.where(stays, 0.0, by), model.whole, weight)
+    stays = uncertain.bound(by)
+    stays |= uncertain.idle(np.where(stays, 0.0, by), model.whole, weight)
     return {**model.overrides, **{n: model.loose[n] for n in _names(case, ~stays)}}
 
 
 def _names(case: Case, flags: np.ndarray) -> list[str]:
     """Names of the flagged values, flags (V,)."""
-    near = case.loose
-    return [name for name, k in zip(near.names, near.of, strict=True) if flags[k]]
+    uncertain = case.loose
+    return [name for name, k in zip(uncertain.names, uncertain.of, strict=True) if flags[k]]
 
 
 def _few(names: Sequence[str]) -> str:
     """The first names, and the number of further ones."""
-    more = [f"{len(names) - TOLD} more"] if len(names) > TOLD else []
-    return ", ".join([*names[:TOLD], *more])
+    suffix = [f"{len(names) - TOLD} more"] if len(names) > TOLD else []
+    return ", ".join([*names[:TOLD], *suffix])
 
 
 def little_off(case: Case, model: Fitted) -> list[str]:
     """Values of the robot that the fit changed noticeably, the largest deviation first."""
     if case.loose is None:
         return []
-    known = zip(case.loose.names, case.loose.nominal, case.loose.spread, strict=True)
-    off = sorted(((abs(model.loose[n] - at) / s, n, at) for n, at, s in known), reverse=True)
-    far = [row for row in off if row[0] > NEAR] or ([] if model.overrides else off[:1])
-    told = [f"{n} ({at:.3g} to {model.loose[n]:.3g})" for _, n, at in far[:TOLD]]
-    return told + ([f"{len(far) - TOLD} more"] if len(far) > TOLD else [])
+    values = zip(case.loose.names, case.loose.nominal, case.loose.spread, strict=True)
+    scores = sorted(((abs(model.loose[n] - at) / s, n, at) for n, at, s in values), reverse=True)
+    distant = [row for row in scores if row[0] > NEAR] or ([] if model.overrides else scores[:1])
+    messages = [f"{n} ({at:.3g} to {model.loose[n]:.3g})" for _, n, at in distant[:TOLD]]
+    return messages + ([f"{len(distant) - TOLD} more"] if len(distant) > TOLD else [])
 
 
 def cosine(of: Hypothesis, known: Identifiability) -> float:
