@@ -20,6 +20,7 @@ from loco_bringup.bag.export import export
 from loco_bringup.bag.foreign import packing, ros1_messages
 from loco_bringup.bag.foreign.opening import open_bag, suffix_of
 from loco_bringup.cli import bags as commands
+from loco_bringup.cli import main as cli
 from loco_bringup.gap import importing
 from loco_control.exceptions import BagError, MissingFileError, MissingPackageError
 from loco_sim.robot import robot as robots
@@ -33,6 +34,7 @@ FORMS = (
     "mcap_ros1", "mcap_ros1_file_zstd", "db3", "db3_file_zstd", "db3_file_lz4",
     "db3_message_zstd", "db3_message_lz4", "ros1", "ros1_bz2", "ros1_lz4",
 )  # fmt: skip
+SIX = ("mcap_file_zstd", "mcap_message_zstd", "db3_file_zstd", "db3_message_zstd", "ros1", "csv")
 
 
 def goal(t):
@@ -148,6 +150,45 @@ def test_every_form_is_told_and_exported(made, form, tmp_path, capsys):
     written = export(made(form), tmp_path / "out")
     states = np.load(next(path for path in written if "states" in path.name))
     assert states["position"].ravel() == pytest.approx(goal(np.arange(COUNT) / 100.0 - 0.04))
+
+
+def plotjuggler(folder):
+    """The motion as a table with a column for each field, under the name of its topic."""
+    folder.mkdir()
+    t = np.arange(COUNT) / 100.0
+    names = [f"/{name}/pivot/position" for name in TEXTS]
+    columns = np.column_stack([1.7e9 + t, goal(t - 0.04), goal(t)])
+    header = ",".join(["__time", *names])
+    np.savetxt(folder / "swing.csv", columns, "%.9f", ",", header=header, comments="")
+    return folder / "swing.csv"
+
+
+@pytest.mark.parametrize("form", SIX)
+def test_each_command_answers(made, form, tmp_path, capfd):
+    """`loco info`, `export`, `report` and `gap check`: a result, or one line with the next step."""
+
+    def call(*words):
+        with pytest.raises(SystemExit) as end:
+            cli.main([str(word) for word in words])
+        said = capfd.readouterr()
+        lines = said.err.splitlines()
+        assert (end.value.code, lines) == (0, []) or (end.value.code, len(lines)) == (2, 1)
+        return said.out or said.err
+
+    table = form == "csv"
+    path = plotjuggler(tmp_path / "csv") if table else made(form)
+    model, out = ("--robot", "servo_pendulum"), ("--out", tmp_path / "check")
+    check = "gap", "check", path, *model, "--workers", 1, *out
+    said = call("info", path), call("export", path, "--out", tmp_path / "out")
+    for text, name in zip(said, TEXTS, strict=True):
+        assert ("`loco gap check` reads it" if table else name) in text
+    assert "`loco gap check`" in call("report", path)
+    if table:
+        assert f"`loco gap mapping {path}` drafts one" in call(*check)
+        drafted = call("gap", "mapping", path, *model)
+        (path.parent / "mapping.yaml").write_text(drafted)
+    said = call(*check)
+    assert "usable" in said and "measured: q, command position" in said and "40 ms" in said
 
 
 @pytest.mark.parametrize("form", ["mcap_file_zstd", "db3_file_zstd"])

@@ -73,6 +73,9 @@ class Body:
         own = rows[:, trees.INERTIA : trees.INERTIA + 9].reshape(-1, 3, 3)
         self._inertia = np.concatenate([own, inertia[None]])
         self._path = [self._up(k) for k in range(n)]
+        self._carried = np.zeros((n + 1, n), dtype=bool)  # body k moves with joint j; base last
+        for k, path in enumerate(self._path):
+            self._carried[k, path] = True
 
     def _up(self, k: int) -> list[int]:
         path = [k]
@@ -123,9 +126,7 @@ class Body:
 
     def centre(self, q: np.ndarray) -> np.ndarray:
         """Centre of mass in the base frame [m], (3,)."""
-        turn, place = self.forward(q)
-        points = place + np.einsum("kij,kj->ki", turn, self._com)
-        return self.mass @ points / self.mass.sum()
+        return self.mass @ self._centres(self.forward(q)) / self.mass.sum()
 
     def jacobian(self, k: int, point: np.ndarray, frames: tuple) -> np.ndarray:
         """Velocity of a point of body k per joint velocity, the base at rest, (3, n).
@@ -135,11 +136,20 @@ class Body:
             point: The point, in the base frame [m], (3,).
             frames: Result of `forward`.
         """
+        return self._jacobians(np.array([k]), point[None], frames)[0]
+
+    def _jacobians(self, bodies: np.ndarray, points: np.ndarray, frames: tuple) -> np.ndarray:
+        """`jacobian` of a point of each of some bodies, (m, 3, n)."""
         turn, place = frames
-        axes, moved = self.axes(turn), np.zeros((3, len(self.joints)))
-        for j in self.path(k):
-            moved[:, j] = axes[j] if self.slides[j] else np.cross(axes[j], point - place[j])
-        return moved
+        axes = self.axes(turn)
+        swept = np.cross(axes, points[:, None] - place[:-1])
+        moved = np.where(self.slides[:, None], axes, swept)
+        return np.where(self._carried[bodies][:, :, None], moved, 0.0).transpose(0, 2, 1)
+
+    def _centres(self, frames: tuple) -> np.ndarray:
+        """Centre of mass of each body in the base frame [m], (n + 1, 3)."""
+        turn, place = frames
+        return place + np.einsum("kij,kj->ki", turn, self._com)
 
     def weight_torque(self, q: np.ndarray, feet: list[int], points: np.ndarray) -> np.ndarray:
         """Static torque of each joint for the robot at rest with a level base [N·m], (n,).
@@ -155,11 +165,9 @@ class Body:
             points: Points of contact in the base frame [m], (m, 3).
         """
         frames = self.forward(q)
-        turn, place = frames
-        tau = self.stiffness * (q - self.rest)
-        for k in range(len(self.joints)):
-            at = place[k] + turn[k] @ self._com[k]
-            tau += self.mass[k] * GRAVITY * self.jacobian(k, at, frames)[2]
+        bodies = np.arange(len(self.joints))
+        moved = self._jacobians(bodies, self._centres(frames)[:-1], frames)
+        tau = self.stiffness * (q - self.rest) + GRAVITY * self.mass[:-1] @ moved[:, 2]
         if len(feet):
             total, com = self.mass.sum() * GRAVITY, self.centre(q)
             rows = np.vstack([np.ones(len(feet)), np.array(points)[:, :2].T])
@@ -171,21 +179,18 @@ class Body:
     def inertia(self, q: np.ndarray, bolted: bool) -> np.ndarray:
         """Joint-space inertia [kg·m²], (n, n), with a free base unless it is bolted."""
         frames = self.forward(q)
-        turn, place = frames
-        n = len(self.joints)
-        mass = np.zeros((6 + n, 6 + n))
-        axes = self.axes(turn)
-        for k in range(-1, n):
-            at = place[k] + turn[k] @ self._com[k]
-            linear, angular = np.zeros((3, 6 + n)), np.zeros((3, 6 + n))
-            linear[:, :3], angular[:, 3:6] = np.eye(3), np.eye(3)
-            x, y, z = at
-            linear[:, 3:6] = -np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-            linear[:, 6:] = self.jacobian(k, at, frames)
-            for j in self.path(k):
-                angular[:, 6 + j] = 0.0 if self.slides[j] else axes[j]
-            own = turn[k] @ self._inertia[k] @ turn[k].T
-            mass += self.mass[k] * linear.T @ linear + angular.T @ own @ angular
+        turn, n = frames[0], len(self.joints)
+        at = self._centres(frames)
+        linear, angular = np.zeros((2, n + 1, 3, 6 + n))
+        linear[:, :, :3] = angular[:, :, 3:6] = np.eye(3)
+        linear[:, :, 3:6] = np.cross(np.eye(3), at[:, None]).transpose(0, 2, 1)
+        linear[:, :, 6:] = self._jacobians(np.arange(n + 1), at, frames)
+        turned = np.where(self.slides, 0.0, self.axes(turn).T)
+        angular[:, :, 6:] = np.where(self._carried[:, None], turned, 0.0)
+        own = turn @ self._inertia @ turn.transpose(0, 2, 1)
+        heavy = self.mass[:, None, None] * linear
+        mass = np.einsum("kia,kib->ab", linear, heavy, optimize=True)
+        mass += np.einsum("kia,kib->ab", angular, own @ angular, optimize=True)
         mass[6:, 6:] += np.diag(self.armature)
         if bolted:
             return mass[6:, 6:]

@@ -33,7 +33,7 @@ def test_an_effect_of_the_smallest_size_adds_as_much_as_shows(bench, effect):
     case, bundles = bench([])
     case = replace(case, fit_rows=[np.ones(len(r.t), dtype=bool) for r in case.records])
     with pool.start(call, (case,)) as tasks:
-        (one,) = visible.look(case, [bundles[effect]], SHOWS, tasks)
+        (one,) = visible.look(case, [bundles[effect]], SHOWS, tasks, lambda share: None)
     (h,) = bundles[effect].hypotheses
     c = h.coordinates[0]
     at = [0.0 if k.strength else k.start[0] for k in h.coordinates]
@@ -66,7 +66,11 @@ def test_look_alikes_are_mutual(found):
 
 def test_any_number_of_workers_says_the_same(slide, found):
     fit, judge = slide.records()
-    again = check.look(slide.model, [*fit, *judge], workers=2)
+    shares = []
+    again = check.look(
+        slide.model, [*fit, *judge], progress=lambda share, stage: shares.append(share), workers=2
+    )
+    assert shares == sorted(shares) and max(np.diff(shares)) < 0.2  # it is seen to go on
     assert {k: v for k, v in again.items() if k != "search_seconds"} == {
         k: v for k, v in found.items() if k != "search_seconds"
     }
@@ -76,7 +80,8 @@ def test_an_effect_that_the_robot_cannot_have_says_why(bench):
     case, bundles = bench([])
     (h,) = bundles["coulomb_friction"].hypotheses
     wrong = replace(h, fixed=(("joint", "nowhere"),))
-    one, two = visible.try_bundle(case, Bundle((wrong, h), (None, None)), SHOWS)
+    base = case.vector((), coarse=True)
+    one, two = visible.try_bundle(case, Bundle((wrong, h), (None, None)), SHOWS, base)
     assert "nowhere" in one.failed and not two.failed
     assert math.isinf(one.smallest()) and two.smallest() > 0.0
 

@@ -60,7 +60,7 @@ class Case:
 
 def tried(case: Case, *laws: Hypothesis, channels=None) -> list[visible.Visible]:
     bundle = Bundle(laws, tuple(channels or [None] * len(laws)))
-    trials = visible.try_bundle(case, bundle, SHOWS)
+    trials = visible.try_bundle(case, bundle, SHOWS, case.vector((), coarse=True))
     return visible._told(case, trials)
 
 
@@ -135,7 +135,9 @@ def test_effects_that_do_the_same_are_told_whichever_way_round():
     trials = [
         trial
         for name, _ in loud
-        for trial in visible.try_bundle(case, Bundle((law(name),), (None,)), SHOWS)
+        for trial in visible.try_bundle(
+            case, Bundle((law(name),), (None,)), SHOWS, case.vector((), coarse=True)
+        )
     ]
     rubs, rotor, push = visible._told(case, trials)
     assert (rubs.alike, rotor.alike) == (("armature",), ("coulomb_friction",))
@@ -156,6 +158,8 @@ def test_each_strength_of_a_law_is_tried_with_the_others_at_nothing():
             asked.extend(specs)
             return np.repeat([s["roll"] + 2.0 * s["pitch"] for s in specs] or [0.0], 2 * SAMPLES)
 
-    trials = visible.try_bundle(Both({}), Bundle((law_of_two,), (None,)), SHOWS)
+    both = Both({})
+    base = both.vector((), coarse=True)
+    trials = visible.try_bundle(both, Bundle((law_of_two,), (None,)), SHOWS, base)
     assert [t.smallest() for t in trials] == pytest.approx([SHOWS, 0.5 * SHOWS])
     assert all(min(spec["roll"], spec["pitch"]) == 0.0 and spec["speed"] == 1.0 for spec in asked)

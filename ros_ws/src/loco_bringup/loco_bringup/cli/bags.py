@@ -70,16 +70,12 @@ def show_bag(path: Path, check: bool = False, as_json: bool = False) -> None:
     if as_json:
         console.print_json(json.dumps(_about(bag)))
         return
-    length = bag.end - bag.start
+    length, names = bag.end - bag.start, [path.name for path in bag.paths]
     console.print(f"{bag.path}: {length:.2f} s, {_size(bag) / 1e6:.1f} MB")
-    if len(bag.paths) > 1:
-        console.print(f"  {len(bag.paths)} files, {bag.paths[0].name} to {bag.paths[-1].name}")
-    console.print(f"  {_form(bag)}")
-    for note in _disagreements(bag):
-        console.print(f"  {note}")
-    if check:
-        item = "message" if isinstance(bag, RawBag) else "chunk and file"
-        console.print(f"  every {item} is whole")
+    parts = [f"{len(names)} files, {names[0]} to {names[-1]}"] * (len(names) > 1)
+    whole = f"every {'message' if isinstance(bag, RawBag) else 'chunk and file'} is whole"
+    for line in (*parts, _form(bag), *_disagreements(bag), *[whole] * check):
+        console.print(f"  {line}")
     for key, value in bag.metadata.items():
         if key == "versions":
             value = ", ".join(f"{name} {v}" for name, v in bag.versions.items()) or value
@@ -89,7 +85,7 @@ def show_bag(path: Path, check: bool = False, as_json: bool = False) -> None:
         for t in bag.topics.values()
     ]
     console.print(table("Topics", ("name", "type", "messages", "rate"), rows))
-    files = [(name, f"{size} bytes") for name, size in bag.attachments().items()]
+    files = ((name, f"{size} bytes") for name, size in bag.attachments().items())
     console.print(table("Files inside", ("name", "size"), files))
 
 
@@ -118,8 +114,8 @@ def _form(bag: Bag) -> str:
     if isinstance(bag, RawBag):
         return f"{bag.form}{coding}{packing}"
     chunks, size, packed = _packing(bag)
-    size = size / max(chunks, 1) / 1e3
-    return f"{chunks} chunks of {size:.0f} kB, packed to {packed} %{coding}{packing}"
+    each = f"{size / max(chunks, 1) / 1e3:.0f} kB"
+    return f"{chunks} chunks of {each}, packed to {packed} %{coding}{packing}"
 
 
 def _size(bag: Bag) -> int:

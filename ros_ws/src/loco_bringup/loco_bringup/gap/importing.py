@@ -55,7 +55,7 @@ def load(
     if rules is None:
         raise MissingFileError(
             f"{path} needs a mapping that says what its columns are (--mapping, or a "
-            f"{mapping.FILE} beside it; docs/gap_import.md)"
+            f"{mapping.FILE} beside it); `loco gap mapping {path}` drafts one"
         )
     return importing.load(path, robot, rules, judge)
 

@@ -58,7 +58,8 @@ def read_log(bag: Bag, namespace: str = "") -> Log:
 def _need(bag: Bag, names: Iterable[str]) -> None:
     missing = [name for name in names if not _recorded(bag, name)]
     if missing:
-        raise BagError(f"{bag.path} has no messages on {', '.join(missing)}; it is no run of loco")
+        text = f"{bag.path} has no messages on {', '.join(missing)}; it is no run of loco"
+        raise BagError(f"{text} (`loco gap check` reads what other programs recorded)")
 
 
 def _recorded(bag: Bag, name: str) -> bool:

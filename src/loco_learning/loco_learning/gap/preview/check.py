@@ -86,9 +86,13 @@ def look(
     hypotheses, rest = separable(single)
     fixed = all(robot.fixed_base for robot in robots)
     groups = bundles(robots[0], case.forward.channels, hypotheses, fixed)
-    report(0.2, "trying every effect")
+
+    def tried(share: float) -> None:
+        report(0.2 + 0.7 * share, "trying every effect")
+
+    tried(0.0)
     with pool.start(call, (case,), workers if workers > 1 else 0) as tasks:
-        results = visible.look(case, groups, math.sqrt(LIMITS.explained**2 - 1.0), tasks)
+        results = visible.look(case, groups, math.sqrt(LIMITS.explained**2 - 1.0), tasks, tried)
     report(0.9, "timing the search")
     bases = [_way(robot) for robot in robots]
     return plain(

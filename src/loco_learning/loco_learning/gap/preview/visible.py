@@ -8,7 +8,7 @@ model and its commands are used; the measured signals of the robot have no influ
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -139,7 +139,10 @@ class _Trial:
         return math.inf if size > max(abs(c.low), abs(c.high)) else size
 
 
-def look(case: Case, bundles: Sequence[Bundle], shows: float, tasks: Jobs) -> list[Visible]:
+def look(
+    case: Case, bundles: Sequence[Bundle], shows: float, tasks: Jobs,
+    report: Callable[[float], None],
+) -> list[Visible]:  # fmt: skip
     """Find the smallest visible size of every strength of every hypothesis.
 
     Args:
@@ -147,19 +150,23 @@ def look(case: Case, bundles: Sequence[Bundle], shows: float, tasks: Jobs) -> li
         bundles: Hypotheses that can be simulated together.
         shows: Rms in one channel above which an effect is visible [floors].
         tasks: Pool of processes that run `fitting.search.call` with the case.
+        report: Called with the share of the bundles that were simulated.
     """
-    jobs = [(try_bundle, (group, shows)) for group in bundles]
-    trials = [trial for result in tasks.ordered(jobs) for trial in result]
+    base, trials = case.vector((), coarse=True), []
+    jobs = [(try_bundle, (group, shows, base)) for group in bundles]
+    for i, result in enumerate(tasks.ordered(jobs), start=1):
+        trials += result
+        report(i / len(jobs))
     return _told(case, trials)
 
 
-def try_bundle(case: Case, bundle: Bundle, shows: float) -> list[_Trial]:
+def try_bundle(case: Case, bundle: Bundle, shows: float, base: np.ndarray) -> list[_Trial]:
     """Responses of the recordings to each strength of some hypotheses.
 
-    A hypothesis with which the robot cannot be built reports the reason.
+    A hypothesis with which the robot cannot be built reports the reason. `base` is the prediction
+    of the model as it is [floors], (N,).
     """
-    base, channel_of = case.vector((), coarse=True), case.channel_of()
-    result = []
+    channel_of, result = case.channel_of(), []
     for strength in bundle.hypotheses[0].strengths:
         trials = [
             _Trial(h, strength, mask, h.starts()[0][strength])
@@ -171,9 +178,8 @@ def try_bundle(case: Case, bundle: Bundle, shows: float) -> list[_Trial]:
             except LocoError as error:
                 if len(trials) > 1:  # simulate them one by one to find the invalid one
                     pairs = zip(bundle.hypotheses, bundle.channels, strict=True)
-                    return [
-                        t for h, m in pairs for t in try_bundle(case, Bundle((h,), (m,)), shows)
-                    ]
+                    alone = [Bundle((h,), (m,)) for h, m in pairs]
+                    return [t for one in alone for t in try_bundle(case, one, shows, base)]
                 trials[0].failed = str(error)
                 break
             for trial in trials:

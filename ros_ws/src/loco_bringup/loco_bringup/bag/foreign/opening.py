@@ -5,6 +5,9 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from loco_control.exceptions import BagError
+from loco_learning.gap.recordings.tables import is_table
+
 from ..reader import Bag
 from . import ros1, sqlite
 from .packing import plain_name
@@ -31,7 +34,9 @@ def open_bag(path: str | Path) -> Bag:
 
     Raises:
         MissingFileError: There is no bag at the path.
-        BagError: The bag is damaged.
+        BagError: The bag is damaged, or a table.
         MissingPackageError: It is a ROS 1 bag, and rosbags is not installed.
     """
+    if Path(path).is_file() and is_table(Path(path)):
+        raise BagError(f"{path} is a table and no bag; `loco gap check` reads it")
     return KINDS.get(suffix_of(Path(path)), Bag)(path)
