@@ -408,8 +408,8 @@ def weigh(
     `known` holds initial guesses of the uncertain values of the robot, which are refitted.
     """
     specs = specs_of(parts)
-    own = case.kept() if given else case
-    residuals, loose, pull, starts = own.suited(specs, overrides, known)
+    basis = case.kept() if given else case
+    residuals, loose, pull, starts = basis.suited(specs, overrides, known)
     held = case.judged(residuals)
     rms = evidence.rms(case.masked(residuals, range(len(residuals)), held=False))
     return Fitted(

@@ -314,11 +314,11 @@ class Search:
             for batch in batches
         ]  # fmt: skip
         results = []
-        for i, screened in enumerate(self.each(screen, tasks)):
-            results += screened
+        for i, rows in enumerate(self.each(screen, tasks)):
+            results += rows
             share = start + (stop - start) * (i + 1) / len(tasks)
             self.report(share, f"screening {batches[i].key}", " + ".join(model.names))
-            for one in screened:
+            for one in rows:
                 log.info("screen %-45s %7.3f cost %d", one.hypothesis.key, one.share, one.cost)
         return results
 
@@ -365,8 +365,8 @@ class Search:
         """Add one effect to each of some models, until one of the results is enough."""
         for i, model in enumerate(level):
             at = 0.6 + 0.1 * (depth - 2) + 0.1 * i / max(len(level), 1)
-            screened = self._screen(model, at, at + 0.05, found.screened)
-            selected = self._chosen(screened, AT_LEAST)
+            results = self._screen(model, at, at + 0.05, found.screened)
+            selected = self._chosen(results, AT_LEAST)
             extended = [(*model.parts, (s.hypothesis, s.x)) for s in selected]
             fitted = self._tournament(extended, min(DEEP, self.params.finalists))
             if any(self.enough(m, found.base) for m in fitted):
