@@ -186,10 +186,10 @@ def _check_list(value: Any, hint: Any, inner: tuple, name: str) -> None:
     if typing.get_origin(hint) is tuple and inner[-1] is not ...:
         if len(value) != len(inner):
             raise ParameterError(f"{name} must have {len(inner)} values, got {shown(value)}")
-        kinds = inner
+        element_types = inner
     else:
-        kinds = (inner[0],) * len(value)
-    for k, (entry, kind) in enumerate(zip(value, kinds, strict=True)):
+        element_types = (inner[0],) * len(value)
+    for k, (entry, kind) in enumerate(zip(value, element_types, strict=True)):
         check(entry, kind, f"{name}[{k}]")
 
 
@@ -235,7 +235,7 @@ def checked(function: F) -> F:
 
     @functools.wraps(function)
     def run(*arguments: Any, **more: Any) -> Any:
-        hints = {"self": Any, **_hints(function)}
+        type_hints = {"self": Any, **_hints(function)}
         try:
             bound = signature.bind(*arguments, **more)
         except TypeError as error:
@@ -243,10 +243,10 @@ def checked(function: F) -> F:
         for name, value in bound.arguments.items():
             kind = signature.parameters[name].kind
             several = {
-                inspect.Parameter.VAR_KEYWORD: dict[str, hints[name]],
-                inspect.Parameter.VAR_POSITIONAL: tuple[hints[name], ...],
+                inspect.Parameter.VAR_KEYWORD: dict[str, type_hints[name]],
+                inspect.Parameter.VAR_POSITIONAL: tuple[type_hints[name], ...],
             }
-            check(value, several.get(kind, hints[name]), name)
+            check(value, several.get(kind, type_hints[name]), name)
         return function(*arguments, **more)
 
     return run  # type: ignore[return-value]

@@ -84,10 +84,10 @@ class NameUnknownError(LocoError, KeyError):
     """A name is not in its registry; the message lists the known names."""
 
     def __init__(self, kind: str, name: str, names: Iterable[str]):
-        names, given = sorted(names), shown(name, MOST)
-        close = difflib.get_close_matches(given.strip("'"), names, n=1)
+        names, quoted = sorted(names), shown(name, MOST)
+        close = difflib.get_close_matches(quoted.strip("'"), names, n=1)
         hint = f" (did you mean {close[0]!r}?)" if close else ""
-        super().__init__(f"no {kind} named {given}{hint}; available: {', '.join(names) or 'none'}")
+        super().__init__(f"no {kind} named {quoted}{hint}; available: {', '.join(names) or 'none'}")
 
     def __str__(self) -> str:  # KeyError would print the repr of the message
         return str(self.args[0])

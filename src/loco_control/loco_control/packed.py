@@ -83,5 +83,5 @@ def array(data: bytes) -> np.ndarray:
         count *= number
     if min(shape, default=0) < 0 or count * kind.itemsize != rest:
         raise ValueError(f"an array of shape {shape} has {rest} bytes")
-    flat = np.frombuffer(data[file.tell() :], kind).copy()
-    return flat.reshape(shape, order="F" if by_columns else "C")
+    values = np.frombuffer(data[file.tell() :], kind).copy()
+    return values.reshape(shape, order="F" if by_columns else "C")

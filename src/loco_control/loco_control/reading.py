@@ -385,8 +385,8 @@ def _expanded(node: Any, depth: int, sizes: dict[int, tuple[int, int]]) -> tuple
             if depth >= DEEPEST:  # an alias that contains itself never ends
                 problem = f"nested more than {DEEPEST} levels deep with its aliases"
                 raise yaml.composer.ComposerError(None, None, problem, child.start_mark)
-            more, deeper = _expanded(child, depth + 1, sizes)
-            count, height = count + more, max(height, deeper + 1)
+            n_values, deeper = _expanded(child, depth + 1, sizes)
+            count, height = count + n_values, max(height, deeper + 1)
             if count > MOST_NODES or depth + height > DEEPEST + 1:
                 problem = f"more than {MOST_NODES} values, or {DEEPEST} levels, with its aliases"
                 raise yaml.composer.ComposerError(None, None, problem, child.start_mark)

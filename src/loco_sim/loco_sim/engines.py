@@ -21,9 +21,9 @@ def installed() -> tuple[str, ...]:
 def require(engine: str) -> None:
     """Raise `ParameterError` when an engine of `ENGINES` is not installed."""
     if engine not in installed():
-        there = " and ".join(installed())
+        available = " and ".join(installed())
         raise ParameterError(
-            f"sim.engine is {engine!r}, which is not installed; installed: {there or 'none'}"
+            f"sim.engine is {engine!r}, which is not installed; installed: {available or 'none'}"
         )
 
 

@@ -29,17 +29,17 @@ def mesh_path(filename: str, folder: Path) -> Path | None:
         candidates = _in_packages(path, folder)
     else:
         candidates = iter([folder / path])
-    nearby = _nearby([part for part in path.split("/") if part not in ("", ".", "..")], folder)
-    return next(filter(_is_file, (*candidates, *nearby)), None)
+    fallbacks = _nearby([part for part in path.split("/") if part not in ("", ".", "..")], folder)
+    return next(filter(_is_file, (*candidates, *fallbacks)), None)
 
 
 def _in_packages(rest: str, folder: Path) -> Iterator[Path]:
     inside = rest.partition("/")[2]
     prefixes = os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep)
-    places = [Path(p) / "share" for p in prefixes if p]
-    places += [Path(p) for p in os.environ.get("ROS_PACKAGE_PATH", "").split(os.pathsep) if p]
+    roots = [Path(p) / "share" for p in prefixes if p]
+    roots += [Path(p) for p in os.environ.get("ROS_PACKAGE_PATH", "").split(os.pathsep) if p]
     above = [folder.resolve(), *folder.resolve().parents]
-    yield from (place / rest for place in (*places, *above))
+    yield from (place / rest for place in (*roots, *above))
     for place in above:  # the folder of a package may have another name than the package
         if (place / "package.xml").is_file():
             yield place / inside

@@ -54,7 +54,7 @@ def run_nodes(makers: Sequence[Callable[[], Node]], args: list[str] | None = Non
     signals = _listen()
     rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
     nodes: list[LocoNode] = []
-    guests: list[Node] = []
+    other_nodes: list[Node] = []
     code = 0
     executor = EventsExecutor()
     try:
@@ -64,7 +64,7 @@ def run_nodes(makers: Sequence[Callable[[], Node]], args: list[str] | None = Non
                     raise ExternalShutdownException
                 node = make()
                 if not isinstance(node, LocoNode):
-                    guests.append(node)
+                    other_nodes.append(node)
                     executor.add_node(node)
                     node = Herald(node)
                 nodes.append(node)
@@ -86,7 +86,7 @@ def run_nodes(makers: Sequence[Callable[[], Node]], args: list[str] | None = Non
         for node in nodes:
             node.close()
         executor.shutdown()  # before the nodes: it holds the events of their subscriptions
-        for node in (*nodes, *guests):
+        for node in (*nodes, *other_nodes):
             node.destroy_node()
         rclpy.try_shutdown()
         LocoNode.post = None

@@ -116,9 +116,9 @@ class Bytes:
     def later(self, data: bytes, seconds: float) -> bytes:
         """The message with its stamp shifted by `seconds` [s], not below 0, and its tick."""
         time = max(0, (self.time(data) or 0) + round(seconds * 1e9))
-        whole, nanoseconds = divmod(time, 1_000_000_000)
+        sec, nanoseconds = divmod(time, 1_000_000_000)
         changed = bytearray(data)
-        changed[self._at : self._at + 4] = whole.to_bytes(4, "little")
+        changed[self._at : self._at + 4] = sec.to_bytes(4, "little")
         changed[self._at + 4 : self._at + 8] = nanoseconds.to_bytes(4, "little")
         if self._has_tick:
             tick = max(0, self.tick(data) + round(seconds * self._rate))

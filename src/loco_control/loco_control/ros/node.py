@@ -275,8 +275,8 @@ class LocoNode(Node):
         """First control topic with several writers, and their names; "" if there is none."""
         for name, subscription in self._inputs.items():
             if self.row(name).paced and self.writers(subscription) > 1:
-                if stranger := strangers(self, subscription.topic_name, self._host()):
-                    return stranger
+                if conflict := strangers(self, subscription.topic_name, self._host()):
+                    return conflict
         return ""
 
     def _refuse_strangers(self) -> None:
@@ -285,8 +285,8 @@ class LocoNode(Node):
         Raises:
             GraphError: A control topic has a second writer.
         """
-        if stranger := self._strangers():
-            raise GraphError(f"{stranger}; {ANOTHER}")
+        if conflict := self._strangers():
+            raise GraphError(f"{conflict}; {ANOTHER}")
 
     def _living(self, name: str) -> list[Any]:
         """Writers of a topic whose processes are running."""

@@ -70,13 +70,13 @@ def turning_rate(feet, velocity, stance):
     for leg in range(4):
         if stance[leg]:
             count, x, y = count + 1, x + feet[leg, 0], y + velocity[leg, 1]
-    spread = slope = 0.0
+    square_sum = slope = 0.0
     for leg in range(4):
         if stance[leg]:
             x_lever = feet[leg, 0] - x / count
-            spread += x_lever * x_lever
+            square_sum += x_lever * x_lever
             slope += x_lever * (velocity[leg, 1] - y / count)
-    rate = -slope / spread if spread > 1e-6 else 0.0
+    rate = -slope / square_sum if square_sum > 1e-6 else 0.0
     return rate if abs(rate) > SLOWEST_TURN else 0.0
 
 

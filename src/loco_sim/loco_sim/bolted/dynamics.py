@@ -114,8 +114,8 @@ def workshop(n):
     brakes, (2 n,); indices of the active ones, (2 n,).
     """
     rows = np.empty((n + 1, n))
-    given, acting = np.empty(2 * n), np.empty(2 * n, dtype=np.int64)
-    return np.empty((n, WIDTH)), np.zeros((n, n)), rows, rows[n], given, acting
+    impulses, acting = np.empty(2 * n), np.empty(2 * n, dtype=np.int64)
+    return np.empty((n, WIDTH)), np.zeros((n, n)), rows, rows[n], impulses, acting
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)
@@ -166,11 +166,11 @@ def outwards(tree, gravity, q, dq, links):
             at = along_by(vector(links, p, AT), arm, 1.0)
             spin, spin_rate = vector(links, p, SPIN), vector(links, p, SPIN_RATE)
             rate = carried(arm, spin, spin_rate, vector(links, p, RATE))
-            turned = cross(spin, along)
+            axis_rate = cross(spin, along)
             if slides:
-                rate = along_by(rate, turned, 2.0 * dq[i])
+                rate = along_by(rate, axis_rate, 2.0 * dq[i])
             else:
-                spin_rate = along_by(spin_rate, turned, dq[i])
+                spin_rate = along_by(spin_rate, axis_rate, dq[i])
         if not slides:
             spin = along_by(spin, along, dq[i])
         put(links, i, AT, at)
@@ -184,16 +184,16 @@ def outwards(tree, gravity, q, dq, links):
         push = carried(arm, spin, spin_rate, rate)
         force = push[0] * m, push[1] * m, push[2] * m
         arm = along_by(arm, at, 1.0)
-        own = product(product(rot, matrix(body, i, INERTIA)), transposed(rot))
-        moment = along_by(cross(arm, force), cross(spin, applied(own, spin)), 1.0)
+        tensor = product(product(rot, matrix(body, i, INERTIA)), transposed(rot))
+        moment = along_by(cross(arm, force), cross(spin, applied(tensor, spin)), 1.0)
         put(links, i, FORCE, force)
         square = m * dot(arm, arm)
         for r in range(3):
             total = moment[r]
             links[i, FIRST + r] = m * arm[r]
             for c in range(3):
-                total += own[3 * r + c] * spin_rate[c]
-                links[i, SECOND + 3 * r + c] = own[3 * r + c] - m * arm[r] * arm[c]
+                total += tensor[3 * r + c] * spin_rate[c]
+                links[i, SECOND + 3 * r + c] = tensor[3 * r + c] - m * arm[r] * arm[c]
             links[i, SECOND + 4 * r] += square
             links[i, MOMENT + r] = total
         links[i, WEIGHT] = m
@@ -300,10 +300,10 @@ def pulled(tree, links, pulls, step, x):
             continue
         point = applied(matrix(links, i, ROT), vector(const, k))
         point = along_by(point, vector(links, i, AT), 1.0)
-        way = along_by(vector(const, k, 6), point, -1.0)
-        force, distance = vector(const, k, 3), np.sqrt(dot(way, way))
+        to_anchor = along_by(vector(const, k, 6), point, -1.0)
+        force, distance = vector(const, k, 3), np.sqrt(dot(to_anchor, to_anchor))
         if const[k, 9] > 0.0 and distance > const[k, 10]:
-            force = along_by(force, way, const[k, 9] * (distance - const[k, 10]) / distance)
+            force = along_by(force, to_anchor, const[k, 9] * (distance - const[k, 10]) / distance)
         while i >= 0:
             moment = cross(along_by(point, vector(links, i, AT), -1.0), force)
             for r in range(3):
@@ -328,7 +328,7 @@ def advance(tree, gravity, tau, brake, pulls, step, q, dq, dt, room):
         room: Work arrays from `workshop`.
     """
     kin, body, fastest = tree
-    links, factor, rows, x, given, acting = room
+    links, factor, rows, x, impulses, acting = room
     n = len(kin)
     dynamics(tree, gravity, q, dq, links, factor, x)
     pulled(tree, links, pulls, step, x)
@@ -341,7 +341,7 @@ def advance(tree, gravity, tau, brake, pulls, step, q, dq, dt, room):
         dq[i] = min(max(dq[i] + dt * x[i], -fastest), fastest)
         held |= brake[i] > 0.0 or q[i] <= body[i, LOW] or q[i] >= body[i, HIGH]
     if held:
-        stop(kin, factor, brake, body, q, dq, dt, rows, given, acting)
+        stop(kin, factor, brake, body, q, dq, dt, rows, impulses, acting)
     for i in range(n):
         q[i] += dt * dq[i]
 
@@ -371,17 +371,17 @@ def stop(kin, factor, brake, body, q, dq, dt, answer, given, acting):
             row = acting[count - 1 - k if sweep % 2 == 0 else k]
             i = row if row < n else row - n
             if row >= n:
-                most = brake[i] * dt
-                wanted = min(max(given[row] - dq[i] / answer[i, i], -most), most)
+                max_impulse = brake[i] * dt
+                impulse = min(max(given[row] - dq[i] / answer[i, i], -max_impulse), max_impulse)
             elif q[i] <= body[i, LOW]:
                 back = given_back(body[i, LOW] - q[i], dt)
-                wanted = max(0.0, given[row] + (back - dq[i]) / answer[i, i])
+                impulse = max(0.0, given[row] + (back - dq[i]) / answer[i, i])
             else:
                 back = given_back(body[i, HIGH] - q[i], dt)
-                wanted = min(0.0, given[row] + (back - dq[i]) / answer[i, i])
-            shove(answer, i, wanted - given[row], dq)
-            moved = max(moved, abs(wanted - given[row]) * answer[i, i])
-            given[row] = wanted
+                impulse = min(0.0, given[row] + (back - dq[i]) / answer[i, i])
+            shove(answer, i, impulse - given[row], dq)
+            moved = max(moved, abs(impulse - given[row]) * answer[i, i])
+            given[row] = impulse
         if moved <= SETTLED:
             break
 

@@ -103,15 +103,15 @@ def follow(
     brake_plan, brake_joint, brake_const = brakes[:3]
     n = len(q)
     steps = len(which) // out.shape[0]
-    known, mean = np.empty(2 * n), np.zeros(n)
-    command, budget, tau, given = np.empty((COMMANDS, n)), np.zeros(n), np.empty(n), np.empty(n)
+    state, mean = np.empty(2 * n), np.zeros(n)
+    command, budget, tau, drive_tau = np.empty((COMMANDS, n)), np.zeros(n), np.empty(n), np.empty(n)
     push, motor = np.empty(n), np.zeros(n)  # in the order of the tree
-    step, braked, weakened = first * steps, len(brake_plan) > 0, False
+    step, has_brakes, weakened = first * steps, len(brake_plan) > 0, False
     rows = drives.copy()
     for k in range(len(plan)):
         if plan[k, 0] in (GAIN, LIMIT, SPEED_LINE, SAG):
             weakened |= np.any(const[plan[k, 1] : plan[k, 2], ON_MOTOR] != 0.0)
-    room = workshop(n)
+    work = workshop(n)
     for row in range(first, stop):
         for i in range(n):
             if not (np.isfinite(q[i]) and np.isfinite(dq[i])):
@@ -123,36 +123,36 @@ def follow(
             memories[row] = memory
         mean[:] = 0.0
         for _ in range(steps):
-            told = which[step]
+            target_row = which[step]
             for c in range(COMMANDS):
                 for i in range(n):
-                    command[c, i] = targets[told, c, i]
+                    command[c, i] = targets[target_row, c, i]
             for i in range(n):
-                known[order[i]], known[n + order[i]] = q[i], dq[i]
+                state[order[i]], state[n + order[i]] = q[i], dq[i]
             if len(plan):
                 bend(step, plan, joint, memory, command)
             supply, on = power[row, 0], power[row, 1]
             if weakened:
                 rows[:] = drives
-                share = asked(known, command, drives, rotors, supply, on, dt, step)
+                share = asked(state, command, drives, rotors, supply, on, dt, step)
                 motors(step, plan, joint, const, rows, share[0], share[1])
-            drive_torques(known, command, rows, rotors, dt, supply, on, tau, step)
+            drive_torques(state, command, rows, rotors, dt, supply, on, tau, step)
             if len(plan):
-                torques(True, step, dt, change, tau, known[:n], known[n:])
-            given[:] = tau
-            add_springs(known, springs, tau)
+                torques(True, step, dt, change, tau, state[:n], state[n:])
+            drive_tau[:] = tau
+            add_springs(state, springs, tau)
             if len(plan):
-                torques(False, step, dt, change, tau, known[:n], known[n:])
+                torques(False, step, dt, change, tau, state[:n], state[n:])
             for i in range(n):
                 mean[i] += tau[i]
                 push[i] = tau[order[i]]
-            if braked:
+            if has_brakes:
                 budget[:] = 0.0
-                budgets(step, brake_plan, brake_joint, brake_const, budget, given, known[n:])
-                held, drag = split(budget, known[n:], slow)
+                budgets(step, brake_plan, brake_joint, brake_const, budget, drive_tau, state[n:])
+                held, drag = split(budget, state[n:], slow)
                 for i in range(n):
                     push[i] += drag[order[i]]
                     motor[i] = held[order[i]]
-            advance(tree, gravity, push, motor, pulls, step, q, dq, dt, room)
+            advance(tree, gravity, push, motor, pulls, step, q, dq, dt, work)
             step += 1
         mean /= steps

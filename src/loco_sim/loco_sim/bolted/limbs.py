@@ -63,11 +63,11 @@ class Orders(NamedTuple):
 
     def digest(self) -> bytes:
         """Hash of the inputs without memory and delay lines, which are zero at the start."""
-        told = (*self, *self.tree, *self.change[:3], *self.brakes[:3], *self.pulls)
-        arrays = [values for values in told if isinstance(values, np.ndarray)]
-        plain = self.tree.fastest, self.dt, [values.shape for values in arrays]
-        whole = b"".join([repr(plain).encode(), *(values.tobytes() for values in arrays)])
-        return blake2b(whole, digest_size=16).digest()
+        inputs = (*self, *self.tree, *self.change[:3], *self.brakes[:3], *self.pulls)
+        arrays = [values for values in inputs if isinstance(values, np.ndarray)]
+        header = self.tree.fastest, self.dt, [values.shape for values in arrays]
+        payload = b"".join([repr(header).encode(), *(values.tobytes() for values in arrays)])
+        return blake2b(payload, digest_size=16).digest()
 
 
 def limbs(kin: np.ndarray) -> list[np.ndarray]:
@@ -115,11 +115,11 @@ class Kept:
         if not new:
             return
         joints = np.concatenate([apart[k] for k in new])
-        made = np.full((len(out), 3, len(joints)), np.nan)
-        run(*orders.of(joints), made, np.zeros((0, *orders.change.memory.shape)))
-        out[:, :, orders.order[joints]] = made
+        states = np.full((len(out), 3, len(joints)), np.nan)
+        run(*orders.of(joints), states, np.zeros((0, *orders.change.memory.shape)))
+        out[:, :, orders.order[joints]] = states
         for first, stop in orders.pieces:
-            lost = np.isnan(made[first:stop, 0]).any(axis=1)
+            lost = np.isnan(states[first:stop, 0]).any(axis=1)
             if lost.any():  # a diverged limb invalidates all limbs of this run
                 out[first + np.argmax(lost) : stop] = np.nan
                 new = []
@@ -151,13 +151,13 @@ def _columns(values: np.ndarray, joints: np.ndarray) -> np.ndarray:
 
 def _laws(laws: Laws, numbers: np.ndarray) -> Laws:
     """Laws restricted to some joints."""
-    plan, mine = laws.plan.copy(), numbers[laws.joint] >= 0
-    row = np.concatenate([[0], np.cumsum(mine)])
+    plan, mask = laws.plan.copy(), numbers[laws.joint] >= 0
+    row = np.concatenate([[0], np.cumsum(mask)])
     plan[:, 1:3] = row[plan[:, 1:3]]
     plan = plan[plan[:, 1] < plan[:, 2]]
-    return Laws(plan, numbers[laws.joint[mine]], laws.const[mine], laws.memory[mine], laws.line)
+    return Laws(plan, numbers[laws.joint[mask]], laws.const[mask], laws.memory[mask], laws.line)
 
 
 def _pulls(pulls: Pulls, numbers: np.ndarray) -> Pulls:
-    mine = numbers[pulls.body] >= 0
-    return Pulls(numbers[pulls.body[mine]], pulls.window[mine], pulls.const[mine])
+    mask = numbers[pulls.body] >= 0
+    return Pulls(numbers[pulls.body[mask]], pulls.window[mask], pulls.const[mask])

@@ -164,28 +164,28 @@ class Bolted:
         if pieces is None:
             q, dq = (self.robot.standing, none[0]) if start is None else start
             pieces = Pieces(np.array([[0, rows]]), np.array([[q, dq]], dtype=float))
-        slow = np.zeros((len(pieces.rows), n))
+        stop_speed = np.zeros((len(pieces.rows), n))
         for row, q in enumerate(pieces.starts[:, 0] if len(brakes.plan) else ()):
-            slow[row] = braking.stopped_per_torque(self.inertia(q), self.physics_dt)
+            stop_speed[row] = braking.stopped_per_torque(self.inertia(q), self.physics_dt)
         measures = [
             (*span(effect, self.physics_dt), effect)
             for effect in self._effects
             if isinstance(effect, Measuring) and not effect.absent()
         ]
-        remembered = any(not effect.by_itself for *_, effect in measures)
+        needs_memory = any(not effect.by_itself for *_, effect in measures)
         out = np.full((rows, 3, n), np.nan)
-        memories = np.zeros((rows if remembered else 0, *change.memory.shape))
+        memory_rows = np.zeros((rows if needs_memory else 0, *change.memory.shape))
         power = np.ones((rows, 2)) if power is None else np.array(power, dtype=float)
         drive = Actuators(self.robot, self.physics_dt)
-        orders = limbs.Orders(
+        inputs = limbs.Orders(
             self._tree, self._order, self._pull, *pieces, table, which, power, *drive.rows(),
-            change, brakes, forces, slow, self.physics_dt,
+            change, brakes, forces, stop_speed, self.physics_dt,
         )  # fmt: skip
-        if remembered or self._joined(brakes):
-            loop.run(*orders, out, memories)
+        if needs_memory or self._joined(brakes):
+            loop.run(*inputs, out, memory_rows)
         else:
-            limbs.KEPT.run(orders, self._limbs, out)
-        return self._measured(out, pieces.rows, measures, change, memories)
+            limbs.KEPT.run(inputs, self._limbs, out)
+        return self._measured(out, pieces.rows, measures, change, memory_rows)
 
     def _joined(self, brakes: Laws) -> bool:
         """Whether limbs are simulated together: one limb, a shared effect, or several braked.
@@ -194,13 +194,13 @@ class Bolted:
         """
         if len(self._limbs) < 2 or any(e.shared and not e.absent() for e in self._effects):
             return True
-        braked = (np.isin(brakes.joint, self._order[limb]).any() for limb in self._limbs)
-        return sum(braked) > 1
+        has_brake = (np.isin(brakes.joint, self._order[limb]).any() for limb in self._limbs)
+        return sum(has_brake) > 1
 
     def _chain(self, *hooks: str) -> Laws:
         """Laws of the effects that override one of the given hooks."""
-        there = [e for e in self._effects if not e.absent()]
-        acting = [e for e in there if any(overrides(e, hook) for hook in hooks)]
+        present = [e for e in self._effects if not e.absent()]
+        acting = [e for e in present if any(overrides(e, hook) for hook in hooks)]
         return Chain(acting, self.physics_dt).laws() if acting else NO_LAWS
 
     def _heard(self, targets: np.ndarray, which: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -210,8 +210,8 @@ class Bolted:
         """
         changes, end = [], len(which)
         for first, last, change in commanding(self._effects, self.physics_dt):
-            effect, whole = change.__self__, first <= 0 and last >= end
-            if changes or not whole or not isinstance(effect, (CommandDelay, JointOffset)):
+            effect, throughout = change.__self__, first <= 0 and last >= end
+            if changes or not throughout or not isinstance(effect, (CommandDelay, JointOffset)):
                 changes.append((first, last, change))
             elif isinstance(effect, JointOffset):
                 targets = targets.copy()
@@ -221,8 +221,8 @@ class Bolted:
                 which = np.concatenate([np.full(late, which[0]), which[: end - late]])
         if not changes:
             return targets, which
-        wanted = [(target[0], target[1]) for target in targets]
-        return heard(changes, wanted, which, targets[:, 2:], 0, self.physics_dt)
+        motions = [(target[0], target[1]) for target in targets]
+        return heard(changes, motions, which, targets[:, 2:], 0, self.physics_dt)
 
     def _measured(
         self, out: np.ndarray, pieces: np.ndarray, measures: list, change: Laws, memories: Any
@@ -241,13 +241,13 @@ class Bolted:
             values[:, at[name]] = column
         live = np.flatnonzero(np.all(np.isfinite(out), axis=(1, 2)))
         for first, last, effect in measures:
-            some = live[(first <= live * self._steps) & (live * self._steps < last)]
+            samples = live[(first <= live * self._steps) & (live * self._steps < last)]
             if effect.by_itself:
-                readings = values[some]
+                readings = values[samples]
                 effect.measure(readings, at, 0.0)
-                values[some] = readings
+                values[samples] = readings
                 continue
-            for row in some:
+            for row in samples:
                 change.memory[:] = memories[row]
                 effect.measure(values[row], at, row * self.dt)
         return Run(*(values[:, at[name]] for name in ("q", "dq", "tau")))

@@ -76,8 +76,8 @@ def build(
     walk = _Walk(description, free)
     joints = (*joints, *FREE) if free else joints
     if sorted(walk.names) != sorted(joints):
-        others = sorted(set(walk.names) ^ set(joints))
-        raise ParameterError(f"joints must list all that move, and no others: {', '.join(others)}")
+        invalid = sorted(set(walk.names) ^ set(joints))
+        raise ParameterError(f"joints must list all that move, and no others: {', '.join(invalid)}")
     order = np.array([joints.index(name) for name in walk.names], dtype=np.int64)
     for name, mass, inertia in zip(walk.names, walk.mass, walk.inertia, strict=True):
         moments = np.linalg.eigvalsh(inertia)
@@ -177,7 +177,7 @@ class _Walk:
         mass = float(inertial.find("mass").get("value", 0.0))
         offset, rotation = pose(inertial.find("origin"))
         values = {key: float(inertial.find("inertia").get(key, 0.0)) for key in TENSOR}
-        own = np.array(
+        tensor = np.array(
             [
                 [values["ixx"], values["ixy"], values["ixz"]],
                 [values["ixy"], values["iyy"], values["iyz"]],
@@ -190,7 +190,7 @@ class _Walk:
         added = self.mass[to], self.com[to], self.inertia[to]
         total, com, inertia = add_point_mass(*added, mass, at) if added[0] else (mass, at, 0.0)
         self.mass[to], self.com[to] = total, com
-        self.inertia[to] = inertia + facing @ own @ facing.T
+        self.inertia[to] = inertia + facing @ tensor @ facing.T
 
 
 def pose(origin: Any) -> tuple[np.ndarray, np.ndarray]:
@@ -211,7 +211,7 @@ def pose(origin: Any) -> tuple[np.ndarray, np.ndarray]:
 
 def numbers(text: str) -> np.ndarray:
     """Numbers of an XML attribute, (k,)."""
-    return np.array([float(word) for word in text.split()])
+    return np.array([float(token) for token in text.split()])
 
 
 def clearance(description: Description, height: float, folder: Path) -> float:
@@ -243,9 +243,9 @@ def clearance(description: Description, height: float, folder: Path) -> float:
                 travel = max(map(abs, description.limits(joint.get("name"))))
                 part = 1.0 if swung else abs(float(facing @ axis)) / float(np.linalg.norm(axis))
                 drop += travel * part if part > 1e-9 else 0.0
-            turned = swung or kind in ("revolute", "continuous")
+            swings = swung or kind in ("revolute", "continuous")
             child = joint.find("child").get("link")
-            heights = min(heights, lowest(child, at - drop, facing, turned, moves or kind in MOVES))
+            heights = min(heights, lowest(child, at - drop, facing, swings, moves or kind in MOVES))
         return heights
 
     return lowest(description.root_link(), height, np.array([0.0, 0.0, 1.0]), False, False)

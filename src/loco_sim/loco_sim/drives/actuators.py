@@ -70,16 +70,16 @@ def drive_torques(
         q, dq, row, memory = state[i], state[n + i], drives[i], rotors[i]
         sample = due(step, dt, row[PERIOD])
         if row[0] == SERVO:
-            asked = hold(share(q, command[0, i], row), row, memory, sample)
-            tau[i] = servo_torque(q, dq, asked, row, memory, dt, supply, on)
+            setpoint = hold(share(q, command[0, i], row), row, memory, sample)
+            tau[i] = servo_torque(q, dq, setpoint, row, memory, dt, supply, on)
         elif row[0] == IMPEDANCE:
             each = row[PERIOD] <= 0.0 or row[AVERAGED] > 0.0
             time = dt if each else sample * max(row[PERIOD], dt)
-            wanted = impedance_torque(q, dq, command[:, i], row, memory, on * time)
-            tau[i] = on * clipped(hold(wanted, row, memory, sample), row[EFFORT])
+            torque = impedance_torque(q, dq, command[:, i], row, memory, on * time)
+            tau[i] = on * clipped(hold(torque, row, memory, sample), row[EFFORT])
         elif row[0] == TORQUE:
-            told = hold(command[2, i], row, memory, sample)
-            tau[i] = on * clipped(row[1] * told + row[2] - row[3] * dq, row[EFFORT])
+            torque_command = hold(command[2, i], row, memory, sample)
+            tau[i] = on * clipped(row[1] * torque_command + row[2] - row[3] * dq, row[EFFORT])
 
 
 @njit(cache=True, error_model="numpy")
@@ -104,14 +104,14 @@ def asked(state, command, drives, rotors, supply, on, dt, step):
     Arguments as in `drive_torques`. Both are 0 for other drives and for drives that are off.
     """
     n = len(drives)
-    found = np.zeros((2, n))
+    result = np.zeros((2, n))
     for i in range(n):
         if drives[i, 0] == SERVO:
-            now = share(state[i], command[0, i], drives[i])
+            setpoint = share(state[i], command[0, i], drives[i])
             sample = due(step, dt, drives[i, PERIOD])
-            found[0, i] = supply * on * in_force(now, drives[i], rotors[i], sample)
-            found[1, i] = on * rotors[i, SPIN]
-    return found
+            result[0, i] = supply * on * in_force(setpoint, drives[i], rotors[i], sample)
+            result[1, i] = on * rotors[i, SPIN]
+    return result
 
 
 class Actuators:
@@ -181,8 +181,8 @@ class Actuators:
             ParameterError: The gains of a drive depend on the stance, and the number of flags in
                 `trunk` differs from the number of feet.
         """
-        asked = command.q + command.dq + trunk.tau
-        if not isfinite(sum((asked if self._whole else asked[self._driven]).tolist())):
+        total = command.q + command.dq + trunk.tau
+        if not isfinite(sum((total if self._whole else total[self._driven]).tolist())):
             return False
         if self._two_gains:
             self._command[3] = self._swinging(trunk.stance)
@@ -236,9 +236,9 @@ class Actuators:
 
     def energy(self, q: np.ndarray) -> tuple[float, float]:
         """Potential energy in springs and gears, and kinetic energy of the rotors [J]."""
-        turned = self._drives[:, 5] * (self._drives[:, 0] == SERVO)
-        stretch = (self._rotors[:, ROTOR] - q)[turned > 0.0]
-        gears = 0.5 * np.sum(self._drives[turned > 0.0, 6] * stretch**2)
+        inertia = self._drives[:, 5] * (self._drives[:, 0] == SERVO)
+        stretch = (self._rotors[:, ROTOR] - q)[inertia > 0.0]
+        gears = 0.5 * np.sum(self._drives[inertia > 0.0, 6] * stretch**2)
         rows = zip(q, self._springs, strict=True)
         springs = sum(spring_energy(x, row) for x, row in rows if row[0] > 0.0)
-        return float(gears + springs), float(0.5 * np.sum(turned * self._rotors[:, SPIN] ** 2))
+        return float(gears + springs), float(0.5 * np.sum(inertia * self._rotors[:, SPIN] ** 2))

@@ -19,10 +19,10 @@ FADE = 0.5  # width of the fade to zero outside of the region, in half ranges (t
 @njit(cache=True)
 def fade(x: float) -> float:
     """1 for |x| up to 1, 0 from `1 + FADE` on, and a smooth step between them."""
-    beyond = (abs(x) - 1.0) / FADE
-    if beyond <= 0.0:
+    excess = (abs(x) - 1.0) / FADE
+    if excess <= 0.0:
         return 1.0
-    return 0.0 if beyond >= 1.0 else 1.0 - beyond * beyond * (3.0 - 2.0 * beyond)
+    return 0.0 if excess >= 1.0 else 1.0 - excess * excess * (3.0 - 2.0 * excess)
 
 
 @njit(cache=True)
@@ -39,8 +39,8 @@ def learned_torque(q: float, dq: float, tau: float, late: float, row) -> float:
             each feature, (25,).
     """
     x, v, u = (q - row[0]) / row[1], dq / row[2], (tau - row[3]) / row[4]
-    there = fade(x) * fade(v) * fade(u)
-    if there == 0.0:
+    validity = fade(x) * fade(v) * fade(u)
+    if validity == 0.0:
         return 0.0
     x, v, u = min(max(x, -1.0), 1.0), min(max(v, -1.0), 1.0), min(max(u, -1.0), 1.0)
     change = min(max((tau - late) / row[4], -1.0), 1.0)
@@ -53,4 +53,4 @@ def learned_torque(q: float, dq: float, tau: float, late: float, row) -> float:
     total += (w[9] + w[10] * u + w[11] * u * u) * u
     total += w[12] * x * v + w[13] * x * u + w[14] * v * u
     total += (w[15] * x + w[16] * u) * side + w[17] * change
-    return min(max(there * total, -row[5]), row[5])
+    return min(max(validity * total, -row[5]), row[5])

@@ -79,8 +79,8 @@ def errors(
 ) -> tuple[float, float, float]:
     """Position error [rad], desired velocity [rad/s] and damping [N·m·s/rad] of an impedance."""
     error = target - q
-    asked = row[SPEED_FEED] * speed + row[7] * error
-    return error, asked, row[4] if swinging else row[2]
+    speed_target = row[SPEED_FEED] * speed + row[7] * error
+    return error, speed_target, row[4] if swinging else row[2]
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)
@@ -159,11 +159,11 @@ def impedance_laws(state, command, drives, memory, dt, on, law):
             swinging, dq = command[3, i] > 0.0, state[n + i]
             kp = row[3] if swinging else row[1]
             error, speed, kd = errors(state[i], command[0, i], command[1, i], row, swinging)
-            wanted = kp * error + kd * speed + command[2, i]
+            torque = kp * error + kd * speed + command[2, i]
             if row[5] > 0.0 or row[6] > 0.0:
-                wanted += memory[i, INTEGRAL]
-                integrate(wanted - kd * dq, error, speed - dq, row, memory[i], on * dt)
-            law[WANTED, i], law[GAIN, i], law[LIMIT, i] = on * wanted, on * kd, row[EFFORT]
+                torque += memory[i, INTEGRAL]
+                integrate(torque - kd * dq, error, speed - dq, row, memory[i], on * dt)
+            law[WANTED, i], law[GAIN, i], law[LIMIT, i] = on * torque, on * kd, row[EFFORT]
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)
@@ -220,8 +220,8 @@ def servo_torque(
     give = damp + stiff * dt  # derivative with respect to rotor speed
     speed = (inertia * rotor[1] + dt * (push - gear)) / (inertia + dt * (slope + give))
     if abs(push - slope * speed) > effort:
-        most = clipped(push - slope * speed, effort)
-        speed = (inertia * rotor[1] + dt * (most - gear)) / (inertia + dt * give)
+        limited_torque = clipped(push - slope * speed, effort)
+        speed = (inertia * rotor[1] + dt * (limited_torque - gear)) / (inertia + dt * give)
     rotor[0] += dt * speed
     rotor[1] = speed
     return gear + give * speed

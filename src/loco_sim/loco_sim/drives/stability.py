@@ -53,13 +53,13 @@ def plan(
     Raises:
         ParameterError: More sub-steps than `max_substeps` would be needed.
     """
-    whole = robot.damping + own
+    total = robot.damping + own
     if not (solve and params.implicit_damping):
-        return substeps(whole, inertia, dt, params), False
+        return substeps(total, inertia, dt, params), False
     drives = [robot.drives.get(joint) for joint in robot.joints]
     servos = np.array([d.damping if isinstance(d, ServoParams) else 0.0 for d in drives])
     count = substeps(servos, inertia, dt, params)
-    return count, _parts(whole, inertia, dt, params) > count
+    return count, _parts(total, inertia, dt, params) > count
 
 
 def _parts(damping: np.ndarray, inertia: np.ndarray, dt: float, params: SimParams) -> int:

@@ -313,12 +313,12 @@ def streams(effects: Iterable[Effect], seed: int) -> list[np.random.Generator]:
     Adding an effect does not change the noise of another. An effect listed
     twice gets two streams.
     """
-    seen: dict[str, int] = {}
-    made = []
+    counts: dict[str, int] = {}
+    generators = []
     for effect in effects:
-        count = seen[effect.name] = seen.get(effect.name, -1) + 1
-        made.append(np.random.default_rng([seed, count, *effect.name.encode()]))
-    return made
+        count = counts[effect.name] = counts.get(effect.name, -1) + 1
+        generators.append(np.random.default_rng([seed, count, *effect.name.encode()]))
+    return generators
 
 
 def overrides(effect: Effect, hook: str) -> bool:
@@ -338,16 +338,16 @@ def windows(effects: Iterable[Effect], hook: str, dt: float) -> list[tuple[int, 
         hook: Name of a method of `Effect`.
         dt: Physics step [s].
     """
-    made, acting = [], [e for e in effects if overrides(e, hook) and not e.absent()]
-    for fuse, neighbours in itertools.groupby(acting, lambda e: e.fuse(hook)):
-        group = list(neighbours)
+    entries, acting = [], [e for e in effects if overrides(e, hook) and not e.absent()]
+    for fuse, consecutive in itertools.groupby(acting, lambda e: e.fuse(hook)):
+        group = list(consecutive)
         each = [(*span(e, dt), getattr(e, hook)) for e in group]
         if fuse is None or len(group) == 1:
-            made += each
+            entries += each
         else:
             first, last, _ = zip(*each, strict=True)
-            made.append((min(first), max(last), fuse(group, hook, dt)))
-    return made
+            entries.append((min(first), max(last), fuse(group, hook, dt)))
+    return entries
 
 
 def span(effect: Effect, dt: float) -> tuple[int, float]:

@@ -92,9 +92,9 @@ def lag(first, last, joint, const, memory, tau, q, dq, dt):
         j = joint[r]
         if memory[r, 0] == 0.0:
             memory[r, 0], memory[r, 1] = 1.0, tau[j]
-        wanted, lead = tau[j], memory[r, 1] - tau[j]
-        memory[r, 1] = wanted + const[r, 0] * lead
-        tau[j] = wanted + const[r, 1] * lead
+        target, lead = tau[j], memory[r, 1] - tau[j]
+        memory[r, 1] = target + const[r, 0] * lead
+        tau[j] = target + const[r, 1] * lead
 
 
 @njit(cache=True)
@@ -120,8 +120,8 @@ def speed_line(first, last, joint, const, memory, tau, q, dq, dt):
     for r in range(first, last):
         j = joint[r]
         if const[r, ON_MOTOR] == 0.0 and tau[j] * dq[j] > 0.0:
-            most = const[r, 0] * max(0.0, 1.0 - const[r, 1] * abs(dq[j]))
-            tau[j] = min(max(tau[j], -most), most)
+            bound = const[r, 0] * max(0.0, 1.0 - const[r, 1] * abs(dq[j]))
+            tau[j] = min(max(tau[j], -bound), bound)
 
 
 @njit(cache=True)
@@ -130,8 +130,8 @@ def motor_line(first, last, joint, const, rows, asked, speed):
     for r in range(first, last):
         j = joint[r]
         if const[r, ON_MOTOR] != 0.0 and given(rows[j], asked[j], speed[j]) * speed[j] > 0.0:
-            most = const[r, 0] * max(0.0, 1.0 - const[r, 1] * abs(speed[j]))
-            rows[j, 8] = min(rows[j, 8], most)
+            bound = const[r, 0] * max(0.0, 1.0 - const[r, 1] * abs(speed[j]))
+            rows[j, 8] = min(rows[j, 8], bound)
 
 
 @njit(cache=True)
@@ -168,19 +168,19 @@ def backlash(first, last, joint, const, memory, tau, q, dq, dt):
     const: half the play, rotor inertia. memory: started, motor minus joint, motor speed.
     """
     for r in range(first, last):
-        j, half, want = joint[r], const[r, 0], tau[joint[r]]
+        j, half_play, want = joint[r], const[r, 0], tau[joint[r]]
         if memory[r, 0] == 0.0:
             memory[r, 0], memory[r, 2] = 1.0, dq[j]
-            memory[r, 1] = half if want > 0.0 else (-half if want < 0.0 else 0.0)
+            memory[r, 1] = half_play if want > 0.0 else (-half_play if want < 0.0 else 0.0)
         gap, speed = memory[r, 1], memory[r, 2]
-        if (gap >= half and want > 0.0) or (gap <= -half and want < 0.0):
+        if (gap >= half_play and want > 0.0) or (gap <= -half_play and want < 0.0):
             memory[r, 2] = dq[j]
             continue
         tau[j] = 0.0
         speed += want / const[r, 1] * dt
         gap += (speed - dq[j]) * dt
-        if abs(gap) >= half:
-            gap, speed = (half if gap > 0.0 else -half), dq[j]
+        if abs(gap) >= half_play:
+            gap, speed = (half_play if gap > 0.0 else -half_play), dq[j]
         memory[r, 1], memory[r, 2] = gap, speed
 
 
@@ -315,13 +315,13 @@ def friction(first, last, joint, const, budget, tau, dq):
     """
     for r in range(first, last):
         j = joint[r]
-        slow = dq[j] * const[r, 2]
-        more = const[r, 0] + const[r, 3] * abs(dq[j]) + const[r, 4] * abs(tau[j])
+        ratio = dq[j] * const[r, 2]
+        resistance = const[r, 0] + const[r, 3] * abs(dq[j]) + const[r, 4] * abs(tau[j])
         if const[r, 1] != 0.0:
-            more += const[r, 1] * exp(-slow * slow)
+            resistance += const[r, 1] * exp(-ratio * ratio)
         if dq[j] < -REST or (dq[j] <= REST and tau[j] < 0.0):
-            more += const[r, 5]
-        budget[j] += more
+            resistance += const[r, 5]
+        budget[j] += resistance
 
 
 @njit(cache=True)

@@ -122,8 +122,8 @@ def within(
     Returns:
         The coordinate; None if the interval is empty.
     """
-    least, most, unit = bounds_of(cls, name)
-    low, high = max(low, least), min(high, most)
+    lower, upper, unit = bounds_of(cls, name)
+    low, high = max(low, lower), min(high, upper)
     if not low < high:
         return None
     inside = tuple(min(max(s * size, low), high) / size for s in starts)

@@ -42,21 +42,21 @@ def eligible(robot: Robot, among: str) -> np.ndarray:
 
 def outward(robot: Robot) -> np.ndarray:
     """Index of the next joint outwards of each joint, (n,); -1 if there is none or several."""
-    text, found = Description(robot.urdf), np.full(len(robot.joints), -1)
+    text, outer = Description(robot.urdf), np.full(len(robot.joints), -1)
     below = [set(text.below(text.child(joint))) for joint in robot.joints]
-    for i, mine in enumerate(below):
-        after = [j for j, joint in enumerate(robot.joints) if j != i and text.child(joint) in mine]
+    for i, tree in enumerate(below):
+        after = [j for j, joint in enumerate(robot.joints) if j != i and text.child(joint) in tree]
         links = {j: text.child(robot.joints[j]) for j in after}
         firsts = [j for j in after if sum(links[j] in below[k] for k in after) == 1]
         if len(firsts) == 1:
-            found[i] = firsts[0]
-    return found
+            outer[i] = firsts[0]
+    return outer
 
 
 def turning(robot: Robot) -> np.ndarray:
     """Indices of the revolute joints, (k,)."""
-    kinds = Description(robot.urdf).joint_types()
-    return np.flatnonzero([kinds[joint] != "prismatic" for joint in robot.joints])
+    joint_types = Description(robot.urdf).joint_types()
+    return np.flatnonzero([joint_types[joint] != "prismatic" for joint in robot.joints])
 
 
 def chains(robot: Robot) -> list[list[str]]:
@@ -73,11 +73,11 @@ def chains(robot: Robot) -> list[list[str]]:
 
 def groups(robot: Robot) -> list[list[str]]:
     """Groups of corresponding joints of all branches: all hips, all knees."""
-    found = defaultdict(list)
+    by_depth = defaultdict(list)
     for chain in chains(robot):
         for depth, joint in enumerate(chain):
-            found[depth].append(joint)
-    return list(found.values())
+            by_depth[depth].append(joint)
+    return list(by_depth.values())
 
 
 def common(names: list[str], all_names: tuple[str, ...]) -> str:
@@ -86,10 +86,10 @@ def common(names: list[str], all_names: tuple[str, ...]) -> str:
         return "*"
     parts = [name.split("_") for name in names]
     tail = []
-    for words in zip(*(reversed(p) for p in parts), strict=False):
-        if len(set(words)) > 1:
+    for tokens in zip(*(reversed(p) for p in parts), strict=False):
+        if len(set(tokens)) > 1:
             break
-        tail.insert(0, words[0])
+        tail.insert(0, tokens[0])
     end = "_".join(tail)
     matching = [name for name in all_names if name.endswith(f"_{end}")]
     return f"*_{end}" if end and sorted(matching) == sorted(names) else ""
@@ -98,8 +98,8 @@ def common(names: list[str], all_names: tuple[str, ...]) -> str:
 def joint_places(robot: Robot, among: str) -> list[str]:
     """Single joints that an effect applies to, and patterns of groups of them."""
     fitting = [robot.joints[j] for j in eligible(robot, among)]
-    together = [[j for j in group if j in fitting] for group in groups(robot)]
-    patterns = [common(group, robot.joints) for group in together if len(group) > 1]
+    grouped = [[j for j in group if j in fitting] for group in groups(robot)]
+    patterns = [common(group, robot.joints) for group in grouped if len(group) > 1]
     return [*fitting, *filter(None, patterns)]
 
 
@@ -114,11 +114,11 @@ def links(robot: Robot) -> list[tuple[str, tuple[float, ...]]]:
     moving = set()
     for joint in robot.joints:
         moving |= set(text.below(text.child(joint)))
-    found = []
+    rows = []
     for name in text.links():
         if (name in moving or not robot.fixed_base) and text.mass_of(name) > 0.0:
-            found.append((name, centre(robot, name)))
-    return found
+            rows.append((name, centre(robot, name)))
+    return rows
 
 
 def bodies(robot: Robot) -> list[str]:

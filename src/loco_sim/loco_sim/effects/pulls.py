@@ -50,10 +50,10 @@ def laid_out(
         height: Height of its base, the origin of the loop's coordinates [m].
         dt: Physics step [s].
     """
-    found = of(effects)
-    body, window = np.zeros(len(found), np.int64), np.zeros((len(found), 2), np.int64)
-    const = np.zeros((len(found), CONSTANTS))
-    for k, (effect, pull) in enumerate(found):
+    pairs = of(effects)
+    body, window = np.zeros(len(pairs), np.int64), np.zeros((len(pairs), 2), np.int64)
+    const = np.zeros((len(pairs), CONSTANTS))
+    for k, (effect, pull) in enumerate(pairs):
         body[k], place, turn = frames[pull.link]
         first, last = span(effect, dt)
         window[k] = first, min(last, NEVER)

@@ -118,8 +118,8 @@ def move_back(q, dq, joints, memory):
 @njit(cache=True)
 def followed(values, share):
     """First-order lag of values, (T,), from 0: each sample covers `share` of the difference."""
-    made, at = np.empty(len(values)), 0.0
+    filtered, at = np.empty(len(values)), 0.0
     for i in range(len(values)):
         at += share * (values[i] - at)
-        made[i] = at
-    return made
+        filtered[i] = at
+    return filtered

@@ -104,18 +104,18 @@ def behind(
     read[at["q"]], read[at["dq"]] = q, dq
 
     def missed(true: np.ndarray) -> np.ndarray:
-        said = true.copy()
+        reading = true.copy()
         for effect in effects:
-            effect.measure(said, at, 0.0)
-        return read - said
+            effect.measure(reading, at, 0.0)
+        return read - reading
 
     first = missed(read)
     true = read + first
     with np.errstate(over="ignore", invalid="ignore"):
         for _ in range(SOUGHT - 1):
             true += missed(true)
-        nearer = np.abs(missed(true)) <= np.abs(first)
-    true = np.where(nearer, true, read)
+        improved = np.abs(missed(true)) <= np.abs(first)
+    true = np.where(improved, true, read)
     return true[at["q"]], true[at["dq"]]
 
 

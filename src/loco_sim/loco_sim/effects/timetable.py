@@ -21,8 +21,8 @@ Window = tuple[int, float, Any]  # first step, step after the last, function
 
 def commanding(effects: Sequence[Effect], dt: float) -> list[Window]:
     """Hooks `on_command`, except those of series springs, whose deflection depends on the state."""
-    found = windows(effects, "on_command", dt)
-    return [w for w in found if not isinstance(w[2].__self__, SeriesElasticity)]
+    entries = windows(effects, "on_command", dt)
+    return [w for w in entries if not isinstance(w[2].__self__, SeriesElasticity)]
 
 
 def behind_springs(effects: Sequence[Effect]) -> str:
@@ -55,19 +55,19 @@ def heard(
     """
     # Effects detect a new command by object identity, so each command has its own objects.
     numbers: dict[tuple[int, int, int], int] = {}
-    table, places, alive = [], np.empty_like(which), []
+    table, index, references = [], np.empty_like(which), []
     for at, row in enumerate(which):
         q, dq = wanted[row]
-        for begin, end, change in changes:
-            if begin <= first + at < end:
+        for start, end, change in changes:
+            if start <= first + at < end:
                 q, dq = change(q, dq, (first + at) * dt)
         key = id(q), id(dq), int(row)
         if key not in numbers:
             numbers[key] = len(table)
             table.append(np.stack([q, dq, *others[row]]))
-            alive.append((q, dq))
-        places[at] = numbers[key]
-    return np.array(table), places
+            references.append((q, dq))
+        index[at] = numbers[key]
+    return np.array(table), index
 
 
 class Script:
@@ -96,8 +96,8 @@ class Script:
         self._shape, self._value = [], []
         for step in range(first, stop):
             self._step = step
-            for begin, end, act in acts:
-                if begin <= step < end:
+            for start, end, act in acts:
+                if start <= step < end:
                     act(self, step * dt)
         forces = Pulls(
             np.array(self._body, np.int64),

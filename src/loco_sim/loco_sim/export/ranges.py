@@ -96,8 +96,8 @@ def of(model: Portable, terms: Sequence[Mapping[str, Any]]) -> tuple[list[Range]
                     f"{entry['unit']} around {entry['value']:g}"
                 )
             else:
-                whole = driven if constant in ("gain", "offset", "delay") else all_joints
-                names = joints or tuple(whole)
+                default = driven if constant in ("gain", "offset", "delay") else all_joints
+                names = joints or tuple(default)
                 entries.append(Range(constant, names, entry["value"], entry["low"], entry["high"]))
     return entries, lost
 

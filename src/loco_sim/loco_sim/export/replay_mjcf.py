@@ -45,8 +45,8 @@ class Drives:
         self.step, self.effort = numeric(model, "resolution"), numeric(model, "effort")
         self.brake, encoder = numeric(model, "brake"), numeric(model, "encoder")
         self.plain = not (self.step.any() or self.effort.any() or encoder.any())
-        turned, names = model.actuator_trnid[:, 0], range(model.nu)
-        self.turned, self.dofs = model.jnt_qposadr[turned], model.jnt_dofadr[turned]
+        joints, names = model.actuator_trnid[:, 0], range(model.nu)
+        self.turned, self.dofs = model.jnt_qposadr[joints], model.jnt_dofadr[joints]
         self.read = [model.joint(model.actuator(i).name).qposadr[0] for i in names]
         self.tables = model.actuator_gainprm, model.actuator_biasprm, model.actuator_forcerange
         self.full, self.damping = [t.copy() for t in self.tables], model.dof_damping.copy()
@@ -63,16 +63,16 @@ class Drives:
         if self.plain:
             return wanted
         gain, bias, limits = (table.T for table in self.tables)
-        turned, seen = data.qpos[self.turned], data.qpos[self.read]
+        q, measured = data.qpos[self.turned], data.qpos[self.read]
         steps = np.fmax(self.step, 1e-9)
-        seen = np.where(self.step > 0.0, steps * np.floor(seen / steps + 0.5), seen)
-        ctrl = wanted + turned - seen
-        asked = gain[0] * ctrl + bias[0] + bias[1] * turned
-        braked = self.brake * data.qvel[self.dofs]
-        total = np.clip(asked, limits[0], limits[1]) - braked
+        measured = np.where(self.step > 0.0, steps * np.floor(measured / steps + 0.5), measured)
+        ctrl = wanted + q - measured
+        torque = gain[0] * ctrl + bias[0] + bias[1] * q
+        braking = self.brake * data.qvel[self.dofs]
+        total = np.clip(torque, limits[0], limits[1]) - braking
         over = (np.abs(total) > self.effort) & (self.effort > 0.0) & (gain[0] > 0.0)
-        most = np.clip(total, -self.effort, self.effort) + braked
-        return np.where(over, ctrl + (most - asked) / np.fmax(gain[0], 1e-9), ctrl)
+        max_torque = np.clip(total, -self.effort, self.effort) + braking
+        return np.where(over, ctrl + (max_torque - torque) / np.fmax(gain[0], 1e-9), ctrl)
 
 
 def play(model, given):
@@ -89,31 +89,31 @@ def play(model, given):
     at = [model.joint(str(name)).qposadr[0] for name in given["joints"]]
     rows = np.arange(len(given["ctrl"]) * steps)
     share = (rows % steps / steps)[:, None] * float(given["ramps"])
-    now, after = rows // steps, np.minimum(rows // steps + 1, len(given["ctrl"]) - 1)
-    table = (1.0 - share) * given["ctrl"][now] + share * given["ctrl"][after]
+    current, after = rows // steps, np.minimum(rows // steps + 1, len(given["ctrl"]) - 1)
+    table = (1.0 - share) * given["ctrl"][current] + share * given["ctrl"][after]
     for column, delay in enumerate(numeric(model, "delay")):
         late = np.maximum(rows - round(delay / model.opt.timestep), 0)
         table[:, column] = table[late, column]
     names = [model.actuator(i).name for i in range(model.nu)]
     turns = dict(zip(names, numeric(model, "offset"), strict=True))
     offset = np.array([turns.get(str(name), 0.0) for name in given["joints"]])
-    said = np.empty((len(given["ctrl"]), len(at)))
+    positions = np.empty((len(given["ctrl"]), len(at)))
     for row in rows:
         if row % steps == 0:
-            said[row // steps] = data.qpos[at] - offset
+            positions[row // steps] = data.qpos[at] - offset
             drives.power(*given["power"][row // steps])
         data.ctrl[:] = drives.ctrl(data, table[row])
         mujoco.mj_step(model, data)
-    return said
+    return positions
 
 
 def main():
     """Print the RMS error of each joint as JSON."""
     model = mujoco.MjModel.from_xml_path(sys.argv[1])
-    given = np.load(sys.argv[2])
-    error = play(model, given) - given["measured"]
+    recording = np.load(sys.argv[2])
+    error = play(model, recording) - recording["measured"]
     rms = np.sqrt(np.nanmean(error**2, axis=0))
-    print(json.dumps(dict(zip(map(str, given["joints"]), rms.tolist(), strict=True))))
+    print(json.dumps(dict(zip(map(str, recording["joints"]), rms.tolist(), strict=True))))
 
 
 if __name__ == "__main__":

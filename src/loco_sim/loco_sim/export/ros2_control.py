@@ -62,9 +62,9 @@ def ros2_control(model: Portable) -> dict[str, tuple[str, list[str]]]:
     passive = [joint.name for joint in model.joints if joint.name not in driven(model)]
     if passive:
         lost = [*lost, f"{', '.join(passive)}: without a drive, not in the ros2_control block"]
-    whole = text.replace("</robot>", f"{block(model, kind)}\n</robot>")
+    document = text.replace("</robot>", f"{block(model, kind)}\n</robot>")
     return {
-        "robot.urdf": (whole, lost),
+        "robot.urdf": (document, lost),
         "controllers.yaml": (controllers(model, kind), []),
         "nodes.yaml": (NODES, []),
     }

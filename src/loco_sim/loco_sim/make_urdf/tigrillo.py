@@ -80,9 +80,9 @@ def _body(half: str) -> list[str]:
 
 
 def _leg(leg: str) -> list[str]:
-    side, half = (1.0 if leg[0] == "l" else -1.0), leg[1]
+    side, pair = (1.0 if leg[0] == "l" else -1.0), leg[1]
     upper, lower, foot = f"{leg}_upper_leg", f"{leg}_lower_leg", foot_name(leg)
-    hip, knee, tip = (0.0, side * HIP_Y[half], HIP_Z), (0.0, 0.0, -FEMUR), (0.0, 0.0, -SHANK)
+    hip, knee, tip = (0.0, side * HIP_Y[pair], HIP_Z), (0.0, 0.0, -FEMUR), (0.0, 0.0, -SHANK)
     length, middle = SHANK + TIBIA_TOP, (0.0, 0.0, (TIBIA_TOP - SHANK) / 2)
     femur = [
         shape("visual", "cylinder", (RADIUS, FEMUR), (0.0, 0.0, -FEMUR / 2), colour=COLOURS[leg]),
@@ -95,7 +95,7 @@ def _leg(leg: str) -> list[str]:
     ]
     ball = (0.4 * FOOT_MASS * FOOT_RADIUS**2,) * 3
     return [
-        *_joint(joint_name(leg, "hfe"), NAMES[half], upper, hip, "revolute", HIP_RANGE),
+        *_joint(joint_name(leg, "hfe"), NAMES[pair], upper, hip, "revolute", HIP_RANGE),
         *link(upper, FEMUR_MASS, (0.0, 0.0, -FEMUR / 2), _rod(FEMUR_MASS, FEMUR), femur),
         *_joint(joint_name(leg, "kfe"), upper, lower, knee, "revolute", KNEE_RANGE),
         *link(lower, TIBIA_MASS, middle, _rod(TIBIA_MASS, length), tibia),

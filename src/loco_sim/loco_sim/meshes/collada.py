@@ -205,10 +205,10 @@ class _File:
             lengths = np.full(len(corners) // 3, 3)
         elif element.tag == "polylist":
             counts = element.find("vcount")
-            given = np.zeros(0) if counts is None else self._numbers(counts)
-            if not np.all((given >= 3) & (given <= len(corners))):
+            sizes = np.zeros(0) if counts is None else self._numbers(counts)
+            if not np.all((sizes >= 3) & (sizes <= len(corners))):
                 raise self._wrong("a face of its <vcount> has fewer than 3 corners, or too many")
-            lengths = given.astype(int)
+            lengths = sizes.astype(int)
         if np.any(lengths < 3) or lengths.sum() != len(corners):
             raise self._wrong(f"the faces of <{element.tag}> are not those of its corners")
         if (lengths - 2).sum() > self._most:
@@ -219,9 +219,9 @@ class _File:
 
     def _positions(self, vertices: ET.Element) -> np.ndarray:
         """Corners of a <vertices> element or of a source, (k, 3)."""
-        for given in vertices.findall("input"):
-            if given.get("semantic") == "POSITION":
-                vertices = self.named(given.get("source"))
+        for entry in vertices.findall("input"):
+            if entry.get("semantic") == "POSITION":
+                vertices = self.named(entry.get("source"))
                 break
         array = vertices.find("float_array")
         if array is None:
@@ -236,8 +236,8 @@ class _File:
         return values.reshape(-1, stride)[:, :3]
 
     def _numbers(self, element: ET.Element) -> np.ndarray:
-        words = (element.text or "").split()
-        return np.fromiter((self._number(word) for word in words), float, len(words))
+        tokens = (element.text or "").split()
+        return np.fromiter((self._number(token) for token in tokens), float, len(tokens))
 
     def _number(self, word: str) -> float:
         try:

@@ -133,8 +133,8 @@ def _rewritten(path: Path, date: int) -> tuple[str, bytes]:
 def _parse(path: Path) -> Mesh:
     reader = READERS.get(path.suffix.lower())
     if reader is None:
-        kinds = ", ".join(READERS)
-        raise ParameterError(f"the mesh {path} is of kind {path.suffix!r}; read are {kinds}")
+        suffixes = ", ".join(READERS)
+        raise ParameterError(f"the mesh {path} is of kind {path.suffix!r}; read are {suffixes}")
     with np.errstate(all="ignore"):  # infinite values are refused below
         corners, faces, groups = reader(read_bytes(path, "mesh", MOST_BYTES), path)
     return _checked(np.asarray(corners, float), np.asarray(faces), np.asarray(groups), path)
@@ -153,10 +153,10 @@ def _checked(corners: np.ndarray, faces: np.ndarray, groups: np.ndarray, path: P
         )
     used, faces = np.unique(faces, return_inverse=True)
     corners = corners[used] + 0.0  # turns -0.0 into 0.0
-    far = ~(np.abs(corners) <= FARTHEST)  # True for NaN, too
-    if far.any():
+    wrong = ~(np.abs(corners) <= FARTHEST)  # True for NaN, too
+    if wrong.any():
         raise ParameterError(
-            f"the mesh {path}: a coordinate is {corners[far][0]:g}, must be a number of at most "
+            f"the mesh {path}: a coordinate is {corners[wrong][0]:g}, must be a number of at most "
             f"{FARTHEST:g}"
         )
     vertices, order = np.unique(corners, axis=0, return_inverse=True)
@@ -192,7 +192,7 @@ def _stl_text(data: bytes, path: Path) -> collada.Shape:
     if b"endsolid" not in data[-1000:]:
         raise ParameterError(f"the mesh {path} is cut off: its end lacks 'endsolid'")
     rows = islice(_VERTEX.finditer(data), 3 * MOST_FACES + 1)
-    corners = [[_number(word, path) for word in row.groups()] for row in rows]
+    corners = [[_number(token, path) for token in row.groups()] for row in rows]
     _check_count(-(-len(corners) // 3), path)
     if len(corners) % 3:
         raise ParameterError(f"the mesh {path} has {len(corners)} corners, three for each facet")
@@ -208,15 +208,15 @@ def _wavefront(data: bytes, path: Path) -> collada.Shape:
     for line in io.BytesIO(data.replace(b"\\\r\n", b" ").replace(b"\\\n", b" ")):
         if len(line) > MOST_LINE:
             raise ParameterError(f"the mesh {path} has a line of more than {MOST_LINE} bytes")
-        words = line.partition(b"#")[0].split()
-        kind = words[0] if words else b""
+        tokens = line.partition(b"#")[0].split()
+        kind = tokens[0] if tokens else b""
         if kind == b"v":
-            corners.append([_number(word, path) for word in words[1:4]])
-            if len(words) < 4:
-                raise ParameterError(f"the mesh {path}: a corner has {len(words) - 1} numbers")
+            corners.append([_number(token, path) for token in tokens[1:4]])
+            if len(tokens) < 4:
+                raise ParameterError(f"the mesh {path}: a corner has {len(tokens) - 1} numbers")
             _check_count(len(corners) // 3, path)
         elif kind == b"f":
-            ring = [_index(word, len(corners), path) for word in words[1:]]
+            ring = [_index(token, len(corners), path) for token in tokens[1:]]
             triangles = [[ring[0], b, c] for b, c in zip(ring[1:], ring[2:], strict=False)]
             faces += triangles
             groups += [group] * len(triangles)

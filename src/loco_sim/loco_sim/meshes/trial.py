@@ -53,20 +53,20 @@ def check(robot: robots.Robot, engine: str) -> None:
         return
     dates = [Path(path).stat().st_mtime_ns for path, _ in parts]
     key = hashlib.sha256(json.dumps([engine, parts, dates]).encode()).hexdigest()[:16]
-    tried = os.environ.get(TRIED, "")
-    if key not in tried.split():
+    passed = os.environ.get(TRIED, "")
+    if key not in passed.split():
         _try(engine, parts)
-        os.environ[TRIED] = f"{tried} {key}"
+        os.environ[TRIED] = f"{passed} {key}"
 
 
 def _meshes(robot: robots.Robot) -> list[tuple[str, str]]:
     """Unique files and scales of collision meshes."""
-    found = set()
+    pairs = set()
     for mesh in ET.fromstring(robot.urdf).iterfind("link/collision/geometry/mesh"):
         path = mesh_path(mesh.get("filename", ""), robot.folder)
         if path is not None:
-            found.add((str(path.resolve()), mesh.get("scale", "1 1 1")))
-    return sorted(found)
+            pairs.add((str(path.resolve()), mesh.get("scale", "1 1 1")))
+    return sorted(pairs)
 
 
 def _try(engine: str, parts: Sequence[tuple[str, str]]) -> None:
@@ -76,12 +76,12 @@ def _try(engine: str, parts: Sequence[tuple[str, str]]) -> None:
         text=True, errors="replace", check=False,
     )  # fmt: skip
     lines = [line for line in child.stdout.splitlines() if line.startswith(_LINE)]
-    told = json.loads(lines[-1].removeprefix(_LINE)) if lines else {}
-    if child.returncode == 0 and "error" not in told:
+    report = json.loads(lines[-1].removeprefix(_LINE)) if lines else {}
+    if child.returncode == 0 and "error" not in report:
         return
-    if "error" not in told:
-        told["error"] = f"{engine} {_end(child.returncode)}; simplify it, or take a box for it"
-    raise ParameterError(f"the mesh {told.get('path', parts[0][0])}: {told['error']}")
+    if "error" not in report:
+        report["error"] = f"{engine} {_end(child.returncode)}; simplify it, or take a box for it"
+    raise ParameterError(f"the mesh {report.get('path', parts[0][0])}: {report['error']}")
 
 
 def _end(code: int) -> str:
@@ -117,12 +117,12 @@ def load(engine: str, path: str, scale: str) -> None:
         (Path(folder) / "robot.yaml").write_text(json.dumps(_ROBOT))
         robot = robots.load(folder)
         module = importlib.import_module(world.MODULES[engine], world.__package__)
-        made = module.World(robot, robot.sim.replace(engine=engine), 0.001)
-        made.rebuild([0.0])
+        simulator = module.World(robot, robot.sim.replace(engine=engine), 0.001)
+        simulator.rebuild([0.0])
         for _ in range(STEPS):
-            made.step([0.0])
-        made.lowest_points()
-        made.close()
+            simulator.step([0.0])
+        simulator.lowest_points()
+        simulator.close()
 
 
 def _say(**values: str) -> None:

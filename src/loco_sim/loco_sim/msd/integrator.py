@@ -106,9 +106,9 @@ def driven(e, count, rest_length, turning, choices, links, network, words):
         put(links, SINE * count + e, sine)
     swing = get(links, SWING * count + e)
     if choices[NOISY]:
-        word = next_word(get(words, e))
-        put(words, e, word)
-        swing = fma(get(network, NOISE) * rest_length, bell(word), swing)
+        bits = next_word(get(words, e))
+        put(words, e, bits)
+        swing = fma(get(network, NOISE) * rest_length, bell(bits), swing)
     return fma(swing, sine, rest_length)
 
 
@@ -218,21 +218,21 @@ def jolt(masses, scales, choices, state, words, running, push):
     values, mass = state.reshape(-1), masses.reshape(-1)
     stride = size // dimension  # rows of one axis, including padding
     for w in range(width):
-        word = next_word(words[w])
-        if (word >> np.uint64(11)) * 2.0**-53 < scales[JOLT_RATE]:
+        bits = next_word(words[w])
+        if (bits >> np.uint64(11)) * 2.0**-53 < scales[JOLT_RATE]:
             mean = 0.0
             for d in range(dimension):
                 for i in range(nodes):
                     mean += abs(values[A * size + d * stride + i * width + w])
             mean /= nodes * dimension
-            word = next_word(word)
-            running[width + w] = np.int64((word >> np.uint64(33)) % np.uint64(nodes))
+            bits = next_word(bits)
+            running[width + w] = np.int64((bits >> np.uint64(33)) % np.uint64(nodes))
             running[w] = choices[JOLT_HOLD]
             for d in range(dimension):
-                word = next_word(word)
-                share = (word >> np.uint64(11)) * 2.0**-52 - 1.0
+                bits = next_word(bits)
+                share = (bits >> np.uint64(11)) * 2.0**-52 - 1.0
                 push[d * width + w] = share * scales[JOLT_SIZE] * mean
-        words[w] = word
+        words[w] = bits
         if running[w] > 0:
             running[w] -= 1
             i = running[width + w]

@@ -143,9 +143,9 @@ class MsdSimulation:
         self._network = self._layout.numbers(
             np.stack([omega, noise, np.sin(turn), np.cos(turn)], axis=-1)
         )
-        words = _streams(self.seed, network.count + 1)
-        self._random_state = self._layout.links(words[..., None, :-1])
-        self._jolts = self._layout.numbers(words[..., -1:])[..., 0, :] if lead else words[-1:]
+        states = _streams(self.seed, network.count + 1)
+        self._random_state = self._layout.links(states[..., None, :-1])
+        self._jolts = self._layout.numbers(states[..., -1:])[..., 0, :] if lead else states[-1:]
         width = self._jolts.shape[-1]
         self._running = np.zeros((*self._jolts.shape[:-1], 2 * width), np.int64)
         self._push = np.zeros((*self._jolts.shape[:-1], network.dimension * width))
@@ -278,11 +278,11 @@ def _streams(seed: np.ndarray, count: int) -> np.ndarray:
     """
     with np.errstate(over="ignore"):
         key = _mix(np.asarray(seed, np.uint64) + np.uint64(0x9E3779B97F4A7C15))
-        words = _mix(
+        states = _mix(
             key[..., None]
             + np.arange(1, count + 1, dtype=np.uint64) * np.uint64(0x9E3779B97F4A7C15)
         )
-    return np.where(words == 0, np.uint64(1), words)
+    return np.where(states == 0, np.uint64(1), states)
 
 
 def _mix(z: np.ndarray) -> np.ndarray:

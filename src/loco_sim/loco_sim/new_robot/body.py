@@ -70,8 +70,8 @@ class Body:
         mass, com, inertia = _base(description, frames)
         self.mass = np.append(rows[:, trees.MASS], mass)
         self._com = np.vstack([rows[:, trees.COM : trees.COM + 3].reshape(-1, 3), com])
-        own = rows[:, trees.INERTIA : trees.INERTIA + 9].reshape(-1, 3, 3)
-        self._inertia = np.concatenate([own, inertia[None]])
+        tensors = rows[:, trees.INERTIA : trees.INERTIA + 9].reshape(-1, 3, 3)
+        self._inertia = np.concatenate([tensors, inertia[None]])
         self._path = [self._up(k) for k in range(n)]
         self._carried = np.zeros((n + 1, n), dtype=bool)  # body k moves with joint j; base last
         for k, path in enumerate(self._path):
@@ -100,8 +100,8 @@ class Body:
         span = np.where(np.isfinite(self.high - self.low), self.high - self.low, 0.0)
         low = np.where(np.isfinite(self.low), self.low, -np.inf)
         inside = (low <= 0.0) & (self.high >= 0.0)
-        near = np.clip(0.0, low + 0.1 * span, np.maximum(self.high - 0.1 * span, low + 0.1 * span))
-        return np.where(inside, 0.0, near)
+        inner = np.clip(0.0, low + 0.1 * span, np.maximum(self.high - 0.1 * span, low + 0.1 * span))
+        return np.where(inside, 0.0, inner)
 
     def forward(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Rotation, (n + 1, 3, 3), and origin [m], (n + 1, 3), of each body in the base frame."""
@@ -109,7 +109,7 @@ class Body:
         turn, place = np.empty((n + 1, 3, 3)), np.empty((n + 1, 3))
         turn[BASE], place[BASE] = np.eye(3), 0.0
         s, c = np.sin(q)[:, None, None], 1.0 - np.cos(q)[:, None, None]
-        own = self._turn @ (np.eye(3) + s * self._cross + c * self._square)  # Rodrigues
+        rotation = self._turn @ (np.eye(3) + s * self._cross + c * self._square)  # Rodrigues
         for k in range(n):
             before, at = turn[self.above[k]], place[self.above[k]]
             place[k] = at + before @ self._place[k]
@@ -117,7 +117,7 @@ class Body:
                 turn[k] = before @ self._turn[k]
                 place[k] += turn[k] @ self._axis[k] * q[k]
             else:
-                turn[k] = before @ own[k]
+                turn[k] = before @ rotation[k]
         return turn, place
 
     def axes(self, turn: np.ndarray) -> np.ndarray:
@@ -187,10 +187,10 @@ class Body:
         linear[:, :, 6:] = self._jacobians(np.arange(n + 1), at, frames)
         turned = np.where(self.slides, 0.0, self.axes(turn).T)
         angular[:, :, 6:] = np.where(self._carried[:, None], turned, 0.0)
-        own = turn @ self._inertia @ turn.transpose(0, 2, 1)
+        tensor = turn @ self._inertia @ turn.transpose(0, 2, 1)
         heavy = self.mass[:, None, None] * linear
         mass = np.einsum("kia,kib->ab", linear, heavy, optimize=True)
-        mass += np.einsum("kia,kib->ab", angular, own @ angular, optimize=True)
+        mass += np.einsum("kia,kib->ab", angular, tensor @ angular, optimize=True)
         mass[6:, 6:] += np.diag(self.armature)
         if bolted:
             return mass[6:, 6:]
@@ -205,8 +205,8 @@ def _base(description: Description, frames: dict) -> tuple[float, np.ndarray, np
         frame, inertial = frames[link.get("name")], link.find("inertial")
         if frame.body != BASE or inertial is None or inertial.find("mass") is None:
             continue
-        own = float(inertial.find("mass").get("value", 0.0))
-        if own <= 0.0:
+        link_mass = float(inertial.find("mass").get("value", 0.0))
+        if link_mass <= 0.0:
             continue
         offset, turn = trees.pose(inertial.find("origin"))
         at, facing = frame.place + frame.turn @ offset, frame.turn @ turn
@@ -214,8 +214,8 @@ def _base(description: Description, frames: dict) -> tuple[float, np.ndarray, np
         values = {} if tensor is None else tensor.attrib
         local = inertia_matrix([float(values.get(key, 0.0)) for key in TENSOR])
         if mass:
-            mass, com, inertia = trees.add_point_mass(mass, com, inertia, own, at)
+            mass, com, inertia = trees.add_point_mass(mass, com, inertia, link_mass, at)
         else:
-            mass, com = own, at
+            mass, com = link_mass, at
         inertia = inertia + facing @ local @ facing.T
     return mass, com, inertia

@@ -80,8 +80,8 @@ def choose(
     tau = np.where(body.slides, np.maximum(tau, GRAVITY * np.diag(inertia)), tau)  # as if vertical
     sag = np.where(body.slides, SLIDE_SAG, SAG)
     pace = 2.0 * np.pi * FREQUENCY
-    least = np.maximum(body.damping * pace, AGAINST * body.stiffness)
-    kp = stiffer * np.maximum.reduce([tau / sag, held * pace**2, least])
+    min_stiffness = np.maximum(body.damping * pace, AGAINST * body.stiffness)
+    kp = stiffer * np.maximum.reduce([tau / sag, held * pace**2, min_stiffness])
     kd = 2.0 * DAMPING_RATIO * np.sqrt(kp * held)
     # A wheel tracks a speed; its gain stops the robot within about a second.
     kp[wheels] = 0.0
@@ -102,8 +102,8 @@ def choose(
 def _carried(body: Body, q: np.ndarray, feet: np.ndarray, bodies: list[int]) -> np.ndarray:
     """Inertia of each joint's share of the robot at the lever arm of its foot [kg·m²], (n,)."""
     frames, share = body.forward(q), body.mass.sum() / max(1, len(bodies))
-    carried = np.zeros(len(body.joints))
+    inertia = np.zeros(len(body.joints))
     for k, point in zip(bodies, feet, strict=True):
         arm = body.jacobian(k, np.asarray(point), frames)
-        carried = np.maximum(carried, share * np.sum(arm**2, axis=0))
-    return carried
+        inertia = np.maximum(inertia, share * np.sum(arm**2, axis=0))
+    return inertia

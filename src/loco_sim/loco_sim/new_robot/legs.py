@@ -24,9 +24,9 @@ def facing(body: Body, found: list[Support], place: np.ndarray) -> np.ndarray | 
         place: Origins of the bodies in the base frame [m], (n + 1, 3).
     """
     sides = [_said(body, support)[0] for support in found]
-    ends = [place[s.chain[0]][:2] for s in found]
-    front = [p for side, p in zip(sides, ends, strict=True) if side > 0]
-    hind = [p for side, p in zip(sides, ends, strict=True) if side < 0]
+    hips = [place[s.chain[0]][:2] for s in found]
+    front = [p for side, p in zip(sides, hips, strict=True) if side > 0]
+    hind = [p for side, p in zip(sides, hips, strict=True) if side < 0]
     if not front or not hind:
         return None
     x, y = np.mean(front, axis=0) - np.mean(hind, axis=0)
@@ -41,10 +41,10 @@ def _said(body: Body, support: Support) -> tuple[int, int]:
     """Position of a limb by its joint and link names, as in `side_of`."""
     names = [body.joints[j] for j in support.chain]
     names += [link for j in support.chain for link in body.links[j]]
-    said = [side_of(name) for name in names]
+    sides = [side_of(name) for name in names]
     return (
-        next((front for front, _ in said if front), 0),
-        next((left for _, left in said if left), 0),
+        next((front for front, _ in sides if front), 0),
+        next((left for _, left in sides if left), 0),
     )
 
 
@@ -55,7 +55,7 @@ def section(body: Body, found: list[Support], posture: Posture) -> dict[str, dic
     if any(body.slides[j] for s in found for j in s.chain):
         return {}
     feet = posture.feet[:, :2] - posture.feet[:, :2].mean(axis=0)
-    made = {}
+    entries = {}
     for leg, (front, left) in PLACES.items():
         fits = [
             s for s, foot in zip(found, feet, strict=True) if foot[0] * front > 0 < foot[1] * left
@@ -63,5 +63,5 @@ def section(body: Body, found: list[Support], posture: Posture) -> dict[str, dic
         if len(fits) != 1:
             return {}
         chain = [body.joints[j] for j in fits[0].chain]
-        made[leg] = {**dict(zip(JOINTS, chain, strict=True)), "foot": fits[0].link}
-    return made
+        entries[leg] = {**dict(zip(JOINTS, chain, strict=True)), "foot": fits[0].link}
+    return entries

@@ -115,22 +115,22 @@ def held(
     for _ in range(TURNS):
         if excess(at) == 0.0:
             break
-        tried = [at]
+        candidates = [at]
         for joint in range(len(q)):
             for value in np.linspace(low[joint], high[joint], PLACES):
-                tried.append(np.where(np.arange(len(q)) == joint, value, at))
-        best = min(tried, key=excess)
+                candidates.append(np.where(np.arange(len(q)) == joint, value, at))
+        best = min(candidates, key=excess)
         if best is at:
             break
         at = best
     part = 1.0
     while part < SMALLEST and (asked(body, at, amplitude / part, pace) > HOLDS * effort).any():
         part *= 2.0
-    worst = int(np.argmax(first))
+    i_max = int(np.argmax(first))
     moved = [name for name, a, b in zip(body.joints, q, at, strict=True) if a != b]
     text = (
-        f"to swing about its middle, {body.joints[worst]!r} would need {first[worst]:.0%} of its "
-        f"effort limit of {effort[worst]:.3g}"
+        f"to swing about its middle, {body.joints[i_max]!r} would need {first[i_max]:.0%} of its "
+        f"effort limit of {effort[i_max]:.3g}"
     )
     text += f": it swings about another posture ({', '.join(moved)} moved)" if moved else ""
     text += f"{' and' if moved else ': it swings'} by 1/{part:.0f} as far" if part > 1.0 else ""

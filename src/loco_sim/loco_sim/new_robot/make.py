@@ -91,10 +91,10 @@ def make(urdf: Path, out: Path) -> Result:
 
 
 def _refuse(urdf: Path, draft: Draft, bolted: bool) -> None:
-    found = list(problems(draft.root, urdf.resolve().parent, bolted))
-    if found:
-        more = f" (and {len(found) - 1} more)" if len(found) > 1 else ""
-        raise ParameterError(f"{urdf}: {found[0]}{more}")
+    faults = list(problems(draft.root, urdf.resolve().parent, bolted))
+    if faults:
+        suffix = f" (and {len(faults) - 1} more)" if len(faults) > 1 else ""
+        raise ParameterError(f"{urdf}: {faults[0]}{suffix}")
 
 
 # ---- standing robots
@@ -110,25 +110,25 @@ def _floating(
         return None
     with probe(draft.text(), draft.folder) as first:
         q = first.body.nominal()
-        up, found = _upwards(first, q, rng)
-        if not found:
+        up, contacts = _upwards(first, q, rng)
+        if not contacts:
             draft.notes.append("bolted, as fewer than three feet or wheels reach below its base")
             return None
         if mass_of(draft.tidied.link(root)) > 0.0 and up == "z":
             _, place = first.body.forward(q)
-            if legs.facing(first.body, found, place) is None:
-                return _posture(draft, first, found, q, rng)
+            if legs.facing(first.body, contacts, place) is None:
+                return _posture(draft, first, contacts, q, rng)
     if up != "z":
         rotation = np.reshape(rotation_matrix(UPWARDS[up]), (3, 3))
         draft.tidied.turn_root(root, rotation)
         draft.turned.append(f"{up} of the base is up")
     draft.tidied.float_root(root)
     _refuse(urdf, draft, bolted=False)
-    with probe(draft.text(), draft.folder) as turned:
-        found = supports(turned, q, rng)
-        yaw = legs.facing(turned.body, found, turned.body.forward(q)[1])
+    with probe(draft.text(), draft.folder) as rotated:
+        contacts = supports(rotated, q, rng)
+        yaw = legs.facing(rotated.body, contacts, rotated.body.forward(q)[1])
         if yaw is None:
-            return _posture(draft, turned, found, q, rng)
+            return _posture(draft, rotated, contacts, q, rng)
     draft.tidied.turn_root(root, yaw)
     draft.turned.append("turned so that the legs named front are at +x")
     with probe(draft.text(), draft.folder) as final:
@@ -144,8 +144,8 @@ def _arms_locked(
     """
     body = draft.body()
     named = legs.section(body, found, posture)
-    own = {leg[key] for leg in named.values() for key in legs.JOINTS}
-    rest = {j: q for j, q in zip(body.joints, posture.q, strict=True) if j not in own}
+    leg_joints = {leg[key] for leg in named.values() for key in legs.JOINTS}
+    rest = {j: q for j, q in zip(body.joints, posture.q, strict=True) if j not in leg_joints}
     if not named or not rest:
         return found, posture, size
     draft.tidied.lock(rest, ARMS)
@@ -176,17 +176,17 @@ def _posture(
 
 def _upwards(first: Probe, q: np.ndarray, rng: np.random.Generator) -> tuple[str, list[Support]]:
     """Axis of the base that points up, and the supports in that orientation."""
-    found = supports(first, q, rng)
-    if stands_at(first, q) or _enough(found, 3):
-        return "z", found if _enough(found, 2) else []
+    contacts = supports(first, q, rng)
+    if stands_at(first, q) or _enough(contacts, 3):
+        return "z", contacts if _enough(contacts, 2) else []
     for up, orientation in UPWARDS.items():
         first.up = orientation
         if up != "z" and stands_at(first, q):
-            others = supports(first, q, rng)
-            if _enough(others, 2):
-                return up, others
+            alternative = supports(first, q, rng)
+            if _enough(alternative, 2):
+                return up, alternative
     first.up = UPWARDS["z"]
-    return "z", found if _enough(found, 2) else []
+    return "z", contacts if _enough(contacts, 2) else []
 
 
 def _enough(found: list[Support], count: int) -> bool:
@@ -210,8 +210,8 @@ def _try(
     draft.guessed_limits = limits.guess(draft.root, body, loads, radii, size, rng)
     draft.legs = legs.section(body, found, posture)
     for stiffer in STIFFER:
-        chosen = gain.choose(body, posture.q, posture.feet, bodies, wheels, False, stiffer)
-        with written(draft, out, body, posture.q, chosen, found, posture.height) as folder:
+        gains = gain.choose(body, posture.q, posture.feet, bodies, wheels, False, stiffer)
+        with written(draft, out, body, posture.q, gains, found, posture.height) as folder:
             outcome = trial.stand(folder.robot(), size)
             if not outcome.fault:
                 folder.keep()
@@ -240,8 +240,8 @@ def _bolted(draft: Draft, out: Path, rng: np.random.Generator) -> Result:
     _mimic(draft, body, q, amplitude)
     height = _clear(draft, body, rng)
     for stiffer in STIFFER:
-        chosen = gain.choose(body, q, limits.NO_FEET, [], [], True, stiffer)
-        with written(draft, out, body, q, chosen, [], height, amplitude) as folder:
+        gains = gain.choose(body, q, limits.NO_FEET, [], [], True, stiffer)
+        with written(draft, out, body, q, gains, [], height, amplitude) as folder:
             robot = folder.robot()
             order = [body.joints.index(joint) for joint in robot.joints]
             outcome = trial.swing(robot, amplitude[order])
@@ -254,8 +254,8 @@ def _bolted(draft: Draft, out: Path, rng: np.random.Generator) -> Result:
 def _middle(body: Body) -> np.ndarray:
     """Centre of the swing, (n,): zero, or the nearest position a quarter of the range inside."""
     limited = np.isfinite(body.high - body.low)
-    room = np.where(limited, 0.25 * (body.high - body.low), 0.0)
-    return np.clip(0.0, body.low + room, body.high - room)
+    margin = np.where(limited, 0.25 * (body.high - body.low), 0.0)
+    return np.clip(0.0, body.low + margin, body.high - margin)
 
 
 def _swing(body: Body, q: np.ndarray) -> np.ndarray:
@@ -284,11 +284,11 @@ def _clear(draft: Draft, body: Body, rng: np.random.Generator) -> float:
     """
     lowest = clearance(draft.description(), 0.0, draft.folder)
     with probe(draft.text(), draft.folder) as final:
-        room = ROOM * min(1.0, final.size(_middle(body)))
+        gap = ROOM * min(1.0, final.size(_middle(body)))
         if not np.isfinite(lowest):
             low = np.where(np.isfinite(body.low), body.low, -np.pi)
             high = np.where(np.isfinite(body.high), body.high, np.pi)
             poses = low + (high - low) * rng.random((POSES, len(low)))
-            found = [point[2] for q in poses for point in final.lowest(q).values()]
-            lowest = 1.1 * min(found, default=0.0)
-    return float(np.ceil(10.0 * (room - min(0.0, lowest))) / 10.0)
+            heights = [point[2] for q in poses for point in final.lowest(q).values()]
+            lowest = 1.1 * min(heights, default=0.0)
+    return float(np.ceil(10.0 * (gap - min(0.0, lowest))) / 10.0)

@@ -74,9 +74,9 @@ class Search:
         self._hips = [place[chain[0]] for chain in self._chains]
         self._level_feet = len(supports) == 2
         self._upright = {s.body: turn[s.body] for s in supports}
-        found = probe.by_body(q)
+        lowest = probe.by_body(q)
         self._plane = [
-            found[s.body][0][1] if abs(found[s.body][0][1] - hip[1]) < 0.5 * (s.depth + hip[2])
+            lowest[s.body][0][1] if abs(lowest[s.body][0][1] - hip[1]) < 0.5 * (s.depth + hip[2])
             else hip[1]
             for s, hip in zip(self._legs, self._hips, strict=True)
         ]  # fmt: skip
@@ -85,22 +85,22 @@ class Search:
         """The first posture with level feet, or the most level one."""
         if not self._legs:
             return self._posture(self._q0, 1.0)
-        draws, found = self._draw(), []
+        draws, postures = self._draw(), []
         for stretch in STRETCH:
-            found.append(self._centred(stretch, draws))
-            if found[-1].uneven < LEVEL * self._size and found[-1].margin > 0.0:
-                return found[-1]
-        return min(found, key=lambda p: (p.margin <= 0.0, p.uneven))
+            postures.append(self._centred(stretch, draws))
+            if postures[-1].uneven < LEVEL * self._size and postures[-1].margin > 0.0:
+                return postures[-1]
+        return min(postures, key=lambda p: (p.margin <= 0.0, p.uneven))
 
     def _draw(self) -> list[np.ndarray]:
         """Random postures within the ranges of the leg joints, the nominal one first."""
-        own = [j for chain in self._chains for j in chain]
-        low = np.maximum(np.where(np.isfinite(self._body.low), self._body.low, -2.5), -3.0)[own]
-        high = np.minimum(np.where(np.isfinite(self._body.high), self._body.high, 2.5), 3.0)[own]
+        dofs = [j for chain in self._chains for j in chain]
+        low = np.maximum(np.where(np.isfinite(self._body.low), self._body.low, -2.5), -3.0)[dofs]
+        high = np.minimum(np.where(np.isfinite(self._body.high), self._body.high, 2.5), 3.0)[dofs]
         draws = [self._q0]
         for _ in range(DRAWS):
             q = self._q0.copy()
-            q[own] = low + (high - low) * self._rng.random(len(own))
+            q[dofs] = low + (high - low) * self._rng.random(len(dofs))
             draws.append(q)
         return draws
 
@@ -118,10 +118,10 @@ class Search:
                 first = [start] if start is not None else self._best(i, goal, lengths[i], draws)
                 q[list(chain)] = self._solve(i, goal, lengths[i], first)
             posture, start = self._posture(q, stretch), q
-            off = self._body.centre(q)[:2] - posture.feet[:, :2].mean(axis=0)
-            if np.abs(off).max() < CENTRED * self._size:
+            offset = self._body.centre(q)[:2] - posture.feet[:, :2].mean(axis=0)
+            if np.abs(offset).max() < CENTRED * self._size:
                 break
-            shift = np.clip(shift + off, -0.3 * min(lengths), 0.3 * min(lengths))
+            shift = np.clip(shift + offset, -0.3 * min(lengths), 0.3 * min(lengths))
         return posture
 
     def _best(self, i: int, goal: np.ndarray, reach: float, draws: list) -> list[np.ndarray]:
@@ -136,29 +136,29 @@ class Search:
             pose[chain] = x
             return self._cost(pose, i, goal, reach)
 
-        found = []
+        results = []
         for start in starts:
             simplex = start[chain] + 0.1 * np.vstack([np.zeros(len(chain)), np.eye(len(chain))])
             options = {"initial_simplex": simplex, "xatol": 1e-5, "fatol": 1e-9}
             options["maxfev"] = 150 * len(chain)
-            found.append(minimize(cost, start[chain], method="Nelder-Mead", options=options))
-        return min(found, key=lambda end: end.fun).x
+            results.append(minimize(cost, start[chain], method="Nelder-Mead", options=options))
+        return min(results, key=lambda end: end.fun).x
 
     def _cost(self, q: np.ndarray, i: int, goal: np.ndarray, reach: float) -> float:
         """Cost of leg i: distance of the foot from its goal, and penalty of unnatural postures."""
         body, support, chain = self._body, self._legs[i], self._chains[i]
-        found = self._probe.by_body(q)
-        foot = np.array(found[support.body][0])
+        lowest = self._probe.by_body(q)
+        foot = np.array(lowest[support.body][0])
         error = (foot - goal) / reach
         cost = 1e4 * error[2] ** 2 + 30.0 * error[0] ** 2 + 30.0 * error[1] ** 2
         lower, upper = body.low[list(chain)], body.high[list(chain)]
         x = q[list(chain)]
-        room = 0.05 * np.where(np.isfinite(upper - lower), upper - lower, 0.0)
-        beyond = np.maximum(0.0, np.maximum(lower + room - x, x - upper + room))
-        cost += 1e3 * float(beyond @ beyond)
+        margin = 0.05 * np.where(np.isfinite(upper - lower), upper - lower, 0.0)
+        excess = np.maximum(0.0, np.maximum(lower + margin - x, x - upper + margin))
+        cost += 1e3 * float(excess @ excess)
         for k in chain[:-1]:  # knees and hips must be above the ground
-            if k in found:
-                cost += 1e3 * max(0.0, (goal[2] + 0.05 * reach - found[k][0][2]) / reach) ** 2
+            if k in lowest:
+                cost += 1e3 * max(0.0, (goal[2] + 0.05 * reach - lowest[k][0][2]) / reach) ** 2
         turn, place = body.forward(q)
         knee = (place[chain[-1]] - self._hips[i]) / reach
         cost += 0.3 * knee[0] + 3.0 * knee[1] ** 2  # prefer knees behind the hips, in their plane
@@ -169,14 +169,14 @@ class Search:
         return cost
 
     def _posture(self, q: np.ndarray, stretch: float) -> Posture:
-        found = self._probe.by_body(q)
-        bottoms = np.array([found[s.body][0][2] for s in self._supports])
+        lowest = self._probe.by_body(q)
+        bottoms = np.array([lowest[s.body][0][2] for s in self._supports])
         turn, place = self._body.forward(q)
         soles = []
         for support, bottom in zip(self._supports, bottoms, strict=True):
             points = place[support.body] + self._points[support.body] @ turn[support.body].T
-            near = points[points[:, 2] < bottom + SOLE * self._size]
-            soles.append(near if len(near) else np.array([found[support.body][0]]))
+            sole = points[points[:, 2] < bottom + SOLE * self._size]
+            soles.append(sole if len(sole) else np.array([lowest[support.body][0]]))
         com = self._body.centre(q)[:2]
         margin = inside(np.vstack(soles)[:, :2], com)
         return Posture(

@@ -75,12 +75,12 @@ class Probe:
 
     def by_body(self, q: np.ndarray) -> dict[int, tuple[Triple, str]]:
         """Lowest point of each body with collision shapes [m], and its link."""
-        found: dict[int, tuple[Triple, str]] = {}
+        lowest: dict[int, tuple[Triple, str]] = {}
         for link, point in self.lowest(q).items():
             k = self._index[link]
-            if k not in found or point[2] < found[k][0][2]:
-                found[k] = point, link
-        return found
+            if k not in lowest or point[2] < lowest[k][0][2]:
+                lowest[k] = point, link
+        return lowest
 
     def size(self, q: np.ndarray) -> float:
         """Longest side of the box around the shapes of the robot [m]."""
@@ -97,8 +97,8 @@ def probe(urdf: str, folder: Path) -> Iterator[Probe]:
     body = Body(description)
     elements = {link.get("name"): link for link in description.elements("link")}
     points = {k: _points(body, k, elements, folder) for k in body.links}
-    weighed = _weighed(urdf)
-    robot = Robot("new", weighed, folder, body.joints, (), np.zeros(len(body.joints)), np.array([]))
+    model = _weighed(urdf)
+    robot = Robot("new", model, folder, body.joints, (), np.zeros(len(body.joints)), np.array([]))
     world = make_world(robot, SimParams(), 0.001)
     try:
         world.rebuild(body.nominal(), height=ALOFT)
@@ -138,18 +138,18 @@ def supports(probe: Probe, q: np.ndarray, rng: np.random.Generator) -> list[Supp
     """
     body = probe.body
     chains = {end: _own(body, end) for end in body.ends()}
-    own = sorted({j for chain in chains.values() for j in chain})
-    if not own:
+    dofs = sorted({j for chain in chains.values() for j in chain})
+    if not dofs:
         return []
-    still = probe.by_body(q)
-    rest = [point[2] for k, (point, _) in still.items() if k not in own]
+    lowest = probe.by_body(q)
+    rest = [point[2] for k, (point, _) in lowest.items() if k not in dofs]
     floor = min(rest, default=0.0)
-    low = np.where(np.isfinite(body.low), body.low, -np.pi)[own]
-    high = np.where(np.isfinite(body.high), body.high, np.pi)[own]
+    low = np.where(np.isfinite(body.low), body.low, -np.pi)[dofs]
+    high = np.where(np.isfinite(body.high), body.high, np.pi)[dofs]
     reach = {end: (np.inf, "") for end in chains}
     for k in range(SAMPLES):
         pose = q.copy()
-        pose[own] = q[own] if k == 0 else low + (high - low) * rng.random(len(own))
+        pose[dofs] = q[dofs] if k == 0 else low + (high - low) * rng.random(len(dofs))
         for end, (point, link) in probe.by_body(pose).items():
             if end in reach and point[2] < reach[end][0]:
                 reach[end] = point[2], link
@@ -177,21 +177,21 @@ def _deepest(body: Body, deep: dict[int, float], floor: float) -> list[int]:
     limb, rest = {end: body.path(end)[0] for end in deep}, dict(deep)
     while True:
         limit = min(rest.values()) + SAME_DEPTH * abs(min(rest.values()) - floor)
-        chosen = [end for end in rest if rest[end] <= limit]
-        beyond = {e: z for e, z in rest.items() if limb[e] not in {limb[c] for c in chosen}}
-        if len({limb[end] for end in chosen}) > 1 or len({limb[end] for end in beyond}) < 2:
+        selected = [end for end in rest if rest[end] <= limit]
+        shallower = {e: z for e, z in rest.items() if limb[e] not in {limb[c] for c in selected}}
+        if len({limb[end] for end in selected}) > 1 or len({limb[end] for end in shallower}) < 2:
             break
-        rest = beyond
-    (joints, count), *_ = Counter(len(body.path(end)) for end in chosen).most_common()
-    alike = [end for end in chosen if len(body.path(end)) == joints]
-    others = {limb[end] for end in chosen} - {limb[end] for end in alike}
-    return alike if count >= 3 and len(others) == 1 else chosen
+        rest = shallower
+    (joints, count), *_ = Counter(len(body.path(end)) for end in selected).most_common()
+    similar = [end for end in selected if len(body.path(end)) == joints]
+    different = {limb[end] for end in selected} - {limb[end] for end in similar}
+    return similar if count >= 3 and len(different) == 1 else selected
 
 
 def _own(body: Body, end: int) -> tuple[int, ...]:
     """Joints that move only the given end."""
-    others = {j for e in body.ends() if e != end for j in body.path(e)}
-    return tuple(j for j in body.path(end) if j not in others)
+    shared = {j for e in body.ends() if e != end for j in body.path(e)}
+    return tuple(j for j in body.path(end) if j not in shared)
 
 
 def _is_wheel(probe: Probe, q: np.ndarray, end: int) -> bool:
@@ -201,10 +201,10 @@ def _is_wheel(probe: Probe, q: np.ndarray, end: int) -> bool:
     pose, heights = q.copy(), []
     for angle in np.linspace(0.0, 2.0 * np.pi, 16, endpoint=False):
         pose[end] = q[end] + angle
-        found = probe.by_body(pose)
-        if end not in found:
+        lowest = probe.by_body(pose)
+        if end not in lowest:
             return False
-        heights.append(found[end][0][2])
+        heights.append(lowest[end][0][2])
     turn, place = body.forward(q)
     axis = body.axes(turn)[end]
     before = place[end][2] - np.mean(heights)
@@ -213,13 +213,13 @@ def _is_wheel(probe: Probe, q: np.ndarray, end: int) -> bool:
 
 def stands_at(probe: Probe, q: np.ndarray) -> bool:
     """Whether the lowest points at q are at least two limb ends, around the centre of mass."""
-    found = probe.by_body(q)
-    if not found:
+    lowest = probe.by_body(q)
+    if not lowest:
         return False
-    size, ends = probe.size(q), set(probe.body.ends())
-    bottom = min(point[2] for point, _ in found.values())
-    touching = {k: p for k, (p, _) in found.items() if p[2] < bottom + LEVEL * size}
-    if len(touching) < 2 or not set(touching) <= ends or BASE in touching:
+    size, limb_ends = probe.size(q), set(probe.body.ends())
+    bottom = min(point[2] for point, _ in lowest.values())
+    touching = {k: p for k, (p, _) in lowest.items() if p[2] < bottom + LEVEL * size}
+    if len(touching) < 2 or not set(touching) <= limb_ends or BASE in touching:
         return False
     points = np.array(list(touching.values()))[:, :2]
     com = np.array(rotate(rotation_matrix(probe.up), probe.body.centre(q)))[:2]
@@ -238,11 +238,11 @@ SIDES = {
 
 def side_of(name: str) -> tuple[int, int]:
     """Position of a limb by its name: front 1 or hind -1, left 1 or right -1; 0 if not named."""
-    words = re.findall(r"[a-z]+", re.sub(r"(?<=[a-z])(?=[A-Z])", " ", name).lower())
-    for word in words:
-        if word in SIDES:
-            return SIDES[word]
-    text = " ".join(words)
+    tokens = re.findall(r"[a-z]+", re.sub(r"(?<=[a-z])(?=[A-Z])", " ", name).lower())
+    for token in tokens:
+        if token in SIDES:
+            return SIDES[token]
+    text = " ".join(tokens)
     front = 1 if "front" in text or "fore" in text else 0
     hind = 1 if any(w in text for w in ("back", "hind", "rear")) else 0
     left, right = "left" in text, "right" in text

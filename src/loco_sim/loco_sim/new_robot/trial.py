@@ -55,8 +55,8 @@ def stand(robot: robots.Robot, size: float) -> Outcome:
         with Simulation(robot=robot) as plant:
             start = plant.ground_truth().position[2]
             for k in range(round(DURATION / plant.dt)):
-                still = np.zeros(len(robot.joints))
-                state = plant.step(MotionCommand(k, k * plant.dt, robot.standing, still))
+                zero_speed = np.zeros(len(robot.joints))
+                state = plant.step(MotionCommand(k, k * plant.dt, robot.standing, zero_speed))
                 truth = plant.ground_truth()
                 rows.append((truth.position[2], *roll_pitch(rotation_matrix(truth.orientation))))
                 load = max(load, _load(state.tau, robot))
@@ -106,10 +106,10 @@ def swing(robot: robots.Robot, amplitude: np.ndarray) -> Outcome:
         return Outcome(str(error))
     rms, size = np.sqrt(np.mean(np.square(missed), axis=0)), np.abs(amplitude)
     rms = np.where(np.isin(np.arange(len(rms)), robot.driven), rms, 0.0)  # driven joints only
-    worst = int(np.argmax(rms / np.maximum(size, 1e-9)))
-    if rms[worst] > FOLLOWS * size[worst]:
-        name = robot.joints[worst]
-        fault = f"joint {name!r} misses its swing of {size[worst]:.2g} by {rms[worst]:.2g}"
+    i_max = int(np.argmax(rms / np.maximum(size, 1e-9)))
+    if rms[i_max] > FOLLOWS * size[i_max]:
+        name = robot.joints[i_max]
+        fault = f"joint {name!r} misses its swing of {size[i_max]:.2g} by {rms[i_max]:.2g}"
         return Outcome(fault, 0.0, float(rms.max()), load)
     return Outcome("", 0.0, float(rms.max()), load)
 

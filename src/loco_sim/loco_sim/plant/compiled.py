@@ -113,8 +113,8 @@ class Compiled:
             DivergedError: The state is no longer finite.
         """
         drive = self._drive
-        power, wanted = np.array([[drive.supply, drive.on]]), [(drive.q, drive.dq)]
-        rows, done, _ = self.run(drive.command, self._one, power, first, wanted)
+        power, motions = np.array([[drive.supply, drive.on]]), [(drive.q, drive.dq)]
+        rows, done, _ = self.run(drive.command, self._one, power, first, motions)
         if not done:
             raise DivergedError(f"the physics diverged by t = {first * self._dt:.3f} s (MuJoCo)")
         return rows
@@ -152,10 +152,10 @@ class Compiled:
             acting = acting._replace(pulls=Pulls(*both), slips=slips)
         out = np.zeros((len(power) + 1, 3 * n + len(self._handles.feet) + BASE))
         rows = len(power) + 1 if self._measures and len(power) > 1 else 0
-        memories = np.zeros((rows, *self._still.shape[1:])) if rows else self._still
-        told = table, which, power
+        memory_rows = np.zeros((rows, *self._still.shape[1:])) if rows else self._still
+        commands = table, which, power
         done = kernels.run(
-            self._handles, self._drive.rows(), acting, told, first, self._dt, memories, out
+            self._handles, self._drive.rows(), acting, commands, first, self._dt, memory_rows, out
         )
         self._world.moved()
-        return out, done, memories
+        return out, done, memory_rows

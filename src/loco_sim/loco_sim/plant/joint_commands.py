@@ -35,9 +35,9 @@ class JointCommands:
             q: Desired positions [rad] or torques [N·m], (m,).
             dq: Desired velocities [rad/s], (m,).
         """
-        wanted, speed = np.zeros(self._n), np.zeros(self._n)
-        wanted[self._driven], speed[self._driven] = q, dq
-        command = MotionCommand(tick, t, wanted, speed)
+        position, speed = np.zeros(self._n), np.zeros(self._n)
+        position[self._driven], speed[self._driven] = q, dq
+        command = MotionCommand(tick, t, position, speed)
         if not self._any_torque:
             return command, None
         tau = np.zeros(self._n)
@@ -51,9 +51,9 @@ class JointCommands:
             q: Desired positions [rad] or torques [N·m], (T, m).
             dq: Desired velocities [rad/s], (T, m); None for zero.
         """
-        wanted, speed, tau = np.zeros((3, len(q), self._n))
-        wanted[:, self._driven] = q
+        position, speed, tau = np.zeros((3, len(q), self._n))
+        position[:, self._driven] = q
         speed[:, self._driven] = 0.0 if dq is None else dq
         tau[:, self._driven[self._torque]] = q[:, self._torque]
         stance = np.ones((len(q), self._feet), dtype=bool)
-        return Orders(wanted, speed, tau, None, (False, False, False), stance)
+        return Orders(position, speed, tau, None, (False, False, False), stance)

@@ -50,19 +50,19 @@ def run(engine, drives, acting, told, first, dt, memories, out):
             positions, velocities and mean torques of the joints, ground force on each foot
             (world frame), state of the base; torques and forces of the first row are not set.
     """
-    (table, which, power), (given, springs, rotors) = told, drives
+    (table, which, power), (drive_rows, springs, rotors) = told, drives
     plan, joint, const, memory, line = acting.change
     brake_plan, brake_joint, brake_const = acting.brakes[:3]
     n, m, rows = len(engine.q_at), len(engine.feet), len(power)
     steps, event = len(which) // rows, 0
     state, command = np.empty(2 * n), np.empty((COMMANDS, n))
-    tau, budget, motor, pushed = np.empty(n), np.zeros(n), given.copy(), np.empty(n)
+    tau, budget, motor, drive_tau = np.empty(n), np.zeros(n), drive_rows.copy(), np.empty(n)
     look(engine, out[0])
     if len(memories):
         memories[0] = memory
     for row in range(rows):
-        said = out[row + 1]
-        said[2 * n : 3 * n + m] = 0.0
+        reading = out[row + 1]
+        reading[2 * n : 3 * n + m] = 0.0
         supply, on = power[row, 0], power[row, 1]
         for k in range(steps):
             at = row * steps + k
@@ -72,22 +72,22 @@ def run(engine, drives, acting, told, first, dt, memories, out):
             command[:] = table[which[at]]
             bend(step, plan, joint, memory, command)
             if acting.weakens:
-                motor[:] = given
-                share = asked(state, command, given, rotors, supply, on, dt, step)
+                motor[:] = drive_rows
+                share = asked(state, command, drive_rows, rotors, supply, on, dt, step)
                 motors(step, plan, joint, const, motor, share[0], share[1])
             drive_torques(state, command, motor, rotors, dt, supply, on, tau, step)
             if len(plan):
                 torques(True, step, dt, acting.change, tau, state[:n], state[n:])
-            pushed[:] = tau
+            drive_tau[:] = tau
             add_springs(state, springs, tau)
             if len(plan):
                 torques(False, step, dt, acting.change, tau, state[:n], state[n:])
             for i in range(n):
-                said[2 * n + i] += tau[i]
+                reading[2 * n + i] += tau[i]
                 engine.tau[engine.dq_at[i]] = tau[i]
             if len(brake_plan):
                 budget[:] = 0.0
-                budgets(step, brake_plan, brake_joint, brake_const, budget, pushed, state[n:])
+                budgets(step, brake_plan, brake_joint, brake_const, budget, drive_tau, state[n:])
                 for i in range(n):
                     engine.held[engine.dq_at[i]] = budget[i]
             hang(engine, acting.hinges, dt)
@@ -105,16 +105,16 @@ def run(engine, drives, acting, told, first, dt, memories, out):
                 return row
             if engine.mean or k == steps - 1:
                 for i in range(m):
-                    said[3 * n + i] += engine.feet[i]
+                    reading[3 * n + i] += engine.feet[i]
         for i in range(n):
-            said[2 * n + i] /= steps
+            reading[2 * n + i] /= steps
         if engine.mean:
             for i in range(m):
-                said[3 * n + i] /= steps
-        look(engine, said)
+                reading[3 * n + i] /= steps
+        look(engine, reading)
         if len(memories):
             memories[row + 1] = memory
-        if not np.isfinite(np.sum(said)):
+        if not np.isfinite(np.sum(reading)):
             return row
     return rows
 
@@ -156,21 +156,21 @@ def hang(engine, hinges, dt):
     """Apply the torques of sprung hinges within links; `hinges` has stiffness, damping, inertia."""
     for i in range(len(hinges)):
         spring, at = (hinges[i, 0], hinges[i, 1]), engine.hinge_dq_at[i]
-        bent = engine.q[engine.hinge_q_at[i]], engine.dq[at]
-        engine.tau[at] = hinge_torque(spring, bent, hinges[i, 2], dt)
+        deflection = engine.q[engine.hinge_q_at[i]], engine.dq[at]
+        engine.tau[at] = hinge_torque(spring, deflection, hinges[i, 2], dt)
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
 def pull(engine, pulls, step):
     """Apply the external forces of one step, `pulls.Pulls` on bodies; whether there are any."""
     body, window, const = pulls
-    found = False
+    active = False
     for k in range(len(body)):
         if not window[k, 0] <= step < window[k, 1]:
             continue
-        if not found:
+        if not active:
             call(engine.look, engine.model, engine.data)
-            found = True
+            active = True
         b, c = body[k], const[k]
         place, turn, centre = engine.place[b], engine.turn[b], engine.centre[b]
         ax = place[0] + turn[0] * c[0] + turn[1] * c[1] + turn[2] * c[2]
@@ -190,4 +190,4 @@ def pull(engine, pulls, step):
         wrench[3] += ay * fz - az * fy
         wrench[4] += az * fx - ax * fz
         wrench[5] += ax * fy - ay * fx
-    return found
+    return active

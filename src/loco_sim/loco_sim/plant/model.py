@@ -108,9 +108,9 @@ def from_values(values: Any, path: str | Path = "model.yaml") -> Model:
     overrides, listed = values.get("overrides") or {}, values.get("effects") or []
     if not isinstance(overrides, dict) or not isinstance(listed, list):
         raise ParameterError(f"{path}: overrides must be a mapping and effects a list")
-    beside = path.parent / str(values["robot"])
+    robot_path = path.parent / str(values["robot"])
     named = str(values["robot"]) in robot.names()
-    model = Model(str(values["robot"] if named else beside), overrides, listed)
+    model = Model(str(values["robot"] if named else robot_path), overrides, listed)
     model.make_robot()
     model.make_effects()
     return model

@@ -46,9 +46,9 @@ class Orders(NamedTuple):
         """
         swinging = self.swinging(robot)
         rows = [*self[:3], np.zeros(self.q.shape) if swinging is None else swinging]
-        given = np.tile(power, (len(self.q), 1)) if self.power is None else self.power
+        supply = np.tile(power, (len(self.q), 1)) if self.power is None else self.power
         targets = np.stack(rows, axis=1).astype(float)
-        return *ramped(targets, steps, self.ramps), np.array(given, dtype=float)
+        return *ramped(targets, steps, self.ramps), np.array(supply, dtype=float)
 
     def swinging(self, robot: Robot) -> np.ndarray | None:
         """1 where the leg of a joint swings, (T, n); None if none ever does."""
@@ -76,6 +76,6 @@ def ramped(
     after = np.minimum(which + 1, len(targets) - 1)
     fine = targets[which]
     for kind in np.flatnonzero(ramps):
-        way = targets[after, kind] - targets[which, kind]
-        fine[:, kind] += share[:, None] * way
+        difference = targets[after, kind] - targets[which, kind]
+        fine[:, kind] += share[:, None] * difference
     return fine, np.arange(len(which))

@@ -120,11 +120,11 @@ class Safety:
             return command, trunk
         q = self._clip("rate", command.q, before - self._step, before + self._step)
         if self._smooth:
-            straight, dt = 2.0 * before - second, self._dt
-            bent = straight + (before - 2.0 * second + third)
-            q = self._clip("jerk", q, bent - self._jerk * dt**3, bent + self._jerk * dt**3)
-            q = self._clip("acceleration", q, straight - self._bend * dt**2,
-                           straight + self._bend * dt**2)  # fmt: skip
+            linear, dt = 2.0 * before - second, self._dt
+            curved = linear + (before - 2.0 * second + third)
+            q = self._clip("jerk", q, curved - self._jerk * dt**3, curved + self._jerk * dt**3)
+            q = self._clip("acceleration", q, linear - self._bend * dt**2,
+                           linear + self._bend * dt**2)  # fmt: skip
         q = self._clip("position", q, self._low, self._high)
         dq = self._clip("velocity", command.dq, -self._speed, self._speed)
         tau = self._clip("torque", tau, -self._torque, self._torque)
@@ -139,29 +139,29 @@ class Safety:
 
     def trip(self, state: RobotState) -> str:
         """Reason to stop the robot now, "" if there is none; NaN readings are a reason."""
-        worst = _beyond(state.dq, state.tau, self._overspeed, self._power)
-        self._beyond = self._beyond + 1 if worst >= 0 else 0
+        index = _beyond(state.dq, state.tau, self._overspeed, self._power)
+        self._beyond = self._beyond + 1 if index >= 0 else 0
         if self._beyond < self._params.trip_ticks:
             return ""
-        joint, speed, tau = self._joints[worst], state.dq[worst], state.tau[worst]
+        joint, speed, tau = self._joints[index], state.dq[index], state.tau[index]
         if not (np.isfinite(speed) and np.isfinite(tau)):
             return f"{joint} measures {speed:.3g} rad/s and {tau:.3g} N·m"
-        if abs(speed) > self._overspeed[worst]:
-            return f"{joint} moves at {speed:.3g} rad/s, more than {self._overspeed[worst]:.3g}"
-        return f"{joint} takes {abs(speed * tau):.4g} W, more than {self._power[worst]:.4g}"
+        if abs(speed) > self._overspeed[index]:
+            return f"{joint} moves at {speed:.3g} rad/s, more than {self._overspeed[index]:.3g}"
+        return f"{joint} takes {abs(speed * tau):.4g} W, more than {self._power[index]:.4g}"
 
 
 def _limits(robot: Robot) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Lower and upper position [rad] and velocity limit [rad/s] of each joint, (n,) each."""
-    found = {}
+    limits = {}
     for joint in ElementTree.fromstring(robot.urdf).iter("joint"):
         limit = joint.find("limit")
-        said = {} if limit is None else limit.attrib
-        ranged = joint.get("type") != "continuous" and {"lower", "upper"} <= said.keys()
-        low, high = (said["lower"], said["upper"]) if ranged else ("-inf", "inf")
-        speed = float(said.get("velocity", 0.0)) or np.inf  # 0 means no limit in a URDF
-        found[joint.get("name")] = (float(low), float(high), speed)
-    lower, upper, speed = np.array([found[name] for name in robot.joints], dtype=float).T
+        attributes = {} if limit is None else limit.attrib
+        ranged = joint.get("type") != "continuous" and {"lower", "upper"} <= attributes.keys()
+        low, high = (attributes["lower"], attributes["upper"]) if ranged else ("-inf", "inf")
+        speed = float(attributes.get("velocity", 0.0)) or np.inf  # 0 means no limit in a URDF
+        limits[joint.get("name")] = (float(low), float(high), speed)
+    lower, upper, speed = np.array([limits[name] for name in robot.joints], dtype=float).T
     return lower, upper, speed
 
 
@@ -179,7 +179,7 @@ def _within(q, dq, tau, before, low, high, speed, step, torque):  # noqa: PLR091
 def _beyond(dq, tau, speed, power):
     """First joint that exceeds speed or power or has NaN readings; -1 if none."""
     for i in range(len(dq)):
-        beyond = abs(dq[i]) > speed[i] or abs(dq[i] * tau[i]) > power[i]
-        if beyond or not np.isfinite(dq[i] * tau[i]):
+        exceeds = abs(dq[i]) > speed[i] or abs(dq[i] * tau[i]) > power[i]
+        if exceeds or not np.isfinite(dq[i] * tau[i]):
             return i
     return -1

@@ -177,8 +177,8 @@ class Simulation:
             if compiled
             else Stepwise(*plant, self._damped, self._steps)
         )
-        nothing = [0.0] * (len(self.robot.joints) + 3 * len(self.robot.feet))
-        row = seen(self._world, *self._world.joint_states(), nothing)
+        no_load = [0.0] * (len(self.robot.joints) + 3 * len(self.robot.feet))
+        row = seen(self._world, *self._world.joint_states(), no_load)
         return self._measure(np.array((row, row)))
 
     def place(
@@ -246,15 +246,15 @@ class Simulation:
             return
         power = self._drive.supply, self._drive.on
         q, dq = self.robot.coupled(orders.q, orders.dq)
-        told = orders._replace(q=q, dq=dq).table(self.robot, self._steps, power)
-        rows, done, memories = loop.run(*told, self._step)
+        commands = orders._replace(q=q, dq=dq).table(self.robot, self._steps, power)
+        rows, done, memory_rows = loop.run(*commands, self._step)
         values, touches, verdicts = self._readings(rows)
         for k, verdict in enumerate(verdicts):
             yield self._state
             self._tick, self._step = self._tick + 1, self._step + self._steps
             if k >= done:
                 raise DivergedError(f"the physics diverged by t = {self._tick * self.dt:.3f} s")
-            loop.recall(memories, k + 1)
+            loop.recall(memory_rows, k + 1)
             self._row = rows[k + 1]
             self._sense(values[k], touches[k], verdict)
 
@@ -269,9 +269,9 @@ class Simulation:
             yield self._state
             if orders.power is not None:
                 self.power(*orders.power[k])
-            now = self._tick, self._tick * self.dt
+            head = self._tick, self._tick * self.dt
             self.step(
-                MotionCommand(*now, q, dq), TrunkTorque(*now, tau, np.zeros(6), orders.stance[k])
+                MotionCommand(*head, q, dq), TrunkTorque(*head, tau, np.zeros(6), orders.stance[k])
             )
 
     def power(self, supply: float = 1.0, on: float = 1.0) -> None:

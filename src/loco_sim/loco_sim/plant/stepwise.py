@@ -50,10 +50,10 @@ class Stepwise:
     ):
         self._world, self._drive, self._damped = world, drive, damped
         self._steps, self._mean, self._dt = steps, world.params.grf == "mean", world.dt
-        found = [windows(effects, hook, world.dt) for hook in HOOKS]
-        self._on_command, self._on_motor, self._on_drive = found[:3]
-        self._on_torque, self._on_brake, self._on_step = found[3:]
-        self._affected = any(found)
+        schedules = [windows(effects, hook, world.dt) for hook in HOOKS]
+        self._on_command, self._on_motor, self._on_drive = schedules[:3]
+        self._on_torque, self._on_brake, self._on_step = schedules[3:]
+        self._affected = any(schedules)
         self._joints = world.joint_states()
 
     def period(self, before: np.ndarray, first: int) -> np.ndarray:
@@ -100,17 +100,17 @@ class Stepwise:
         t = self._step * self._dt
         self._told(t)
         state = np.array(q), np.array(dq)
-        given: list[np.ndarray] = []  # drive torques after effects
+        drive_tau: list[np.ndarray] = []  # drive torques after effects
 
         def changed(tau: np.ndarray) -> np.ndarray:
-            given.append(self._passed(self._on_drive, tau, *state, t))
-            return given[0]
+            drive_tau.append(self._passed(self._on_drive, tau, *state, t))
+            return drive_tau[0]
 
         tau = self._drive.torque(q, dq, self._motors if self._on_motor else None, None, changed)
         if self._on_torque:
             tau = self._passed(self._on_torque, np.array(tau), *state, t).tolist()
         if self._on_brake:
-            self._braked(given[0], *state, t)
+            self._braked(drive_tau[0], *state, t)
         self._acted(t)
         return tau
 
@@ -118,11 +118,11 @@ class Stepwise:
         """Pass the command to the drives, as changed by effects."""
         step, drive = self._step, self._drive
         if self._on_command:
-            wanted = drive.q, drive.dq
+            motion = drive.q, drive.dq
             for start, stop, change in self._on_command:
                 if start <= step < stop:
-                    wanted = change(*wanted, t)
-            drive.follow(*wanted)
+                    motion = change(*motion, t)
+            drive.follow(*motion)
 
     def _acted(self, t: float) -> None:
         """Run the hooks `on_step` of active effects."""

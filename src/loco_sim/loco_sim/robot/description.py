@@ -71,22 +71,22 @@ class Description:
     def below(self, link: str) -> list[str]:
         """A link and all its descendants, itself first."""
         self._find("link", link)
-        found = [link]
-        for name in found:  # grows during the iteration
+        links = [link]
+        for name in links:  # grows during the iteration
             for joint in self._root.findall("joint"):
                 if joint.find("parent").get("link") == name:
-                    found.append(joint.find("child").get("link"))
-        return found
+                    links.append(joint.find("child").get("link"))
+        return links
 
     def above(self, link: str) -> list[str]:
         """Joints between a link and the root link, from the link upwards."""
         self._find("link", link)
         joints = {j.find("child").get("link"): j for j in self._root.findall("joint")}
-        found = []
+        chain = []
         while (joint := joints.pop(link, None)) is not None:  # terminates for a loop of joints, too
-            found.append(joint.get("name", ""))
+            chain.append(joint.get("name", ""))
             link = joint.find("parent").get("link")
-        return found
+        return chain
 
     def efforts(self) -> dict[str, float]:
         """Torque limit [N·m] of each moving joint; infinite if the URDF has none."""
@@ -100,8 +100,8 @@ class Description:
 
     def damping(self, joint: str) -> float:
         """Viscous damping of a joint [N·m·s/rad]."""
-        found = self._find("joint", joint).find("dynamics")
-        return 0.0 if found is None else float(found.get("damping", 0.0))
+        dynamics = self._find("joint", joint).find("dynamics")
+        return 0.0 if dynamics is None else float(dynamics.get("damping", 0.0))
 
     def joint_types(self) -> dict[str, str]:
         """Type of each moving joint."""
@@ -121,16 +121,16 @@ class Description:
                 factor = float(mimic.get("multiplier", 1.0))
                 offset = float(mimic.get("offset", 0.0))
                 direct[joint.get("name", "")] = mimic.get("joint", ""), factor, offset
-        found = {}
+        couplings = {}
         for name, (leader, factor, offset) in direct.items():
             passed = {name}
             while leader in direct and leader not in passed:
                 passed.add(leader)
-                leader, before, more = direct[leader]
-                factor, offset = factor * before, factor * more + offset
+                leader, before, shift = direct[leader]
+                factor, offset = factor * before, factor * shift + offset
             if leader not in passed:
-                found[name] = leader, factor, offset
-        return found
+                couplings[name] = leader, factor, offset
+        return couplings
 
     def child(self, joint: str) -> str:
         """Name of the child link of a joint."""
@@ -138,9 +138,9 @@ class Description:
 
     def axis(self, joint: str) -> np.ndarray:
         """Axis of a joint in the frame of its child link, (3,)."""
-        found = self._find("joint", joint).find("axis")
+        element = self._find("joint", joint).find("axis")
         return np.array(
-            [float(v) for v in (found.get("xyz") if found is not None else "1 0 0").split()]
+            [float(v) for v in (element.get("xyz") if element is not None else "1 0 0").split()]
         )
 
     def split_root(self, x: float, axis: str) -> str:
@@ -302,18 +302,18 @@ class Description:
         """A link and the links connected to it by fixed joints, from it outwards."""
         self._find("link", link)
         fixed = [j for j in self._root.findall("joint") if j.get("type") == "fixed"]
-        found = [link]
-        for name in found:  # grows during the iteration
-            found += [
+        links = [link]
+        for name in links:  # grows during the iteration
+            links += [
                 j.find("child").get("link") for j in fixed if j.find("parent").get("link") == name
             ]
-        return found
+        return links
 
     def extent(self, link: str) -> float:
         """Largest distance of a joint on a link from the link's origin [m]; at least 0.01."""
         joints = [j for j in self._root.findall("joint") if j.find("parent").get("link") == link]
-        places = [numbers(joint.find("origin"), "xyz", "0 0 0") for joint in joints]
-        return max([0.01, *(float(np.linalg.norm(place)) for place in places)])
+        origins = [numbers(joint.find("origin"), "xyz", "0 0 0") for joint in joints]
+        return max([0.01, *(float(np.linalg.norm(place)) for place in origins)])
 
     def add_armature(self, joint: str, inertia: float) -> None:
         """Add the inertia [kg·m²] of a rotor and gear about the axis of a joint.

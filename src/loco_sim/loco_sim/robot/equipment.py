@@ -87,17 +87,17 @@ def expanded(
     """
     full = dict(values)
     for section in (*BY_JOINT, *BY_LINK):
-        known = list(joints if section in BY_JOINT else links)
+        available = list(joints if section in BY_JOINT else links)
         kind = "joint" if section in BY_JOINT else "link"
         entries = _mapping(values.get(section) or {}, f"{path}: {section}")
-        full[section] = made = {}
+        full[section] = resolved = {}
         for pattern, entry in entries.items():
-            for name in matches(known, str(pattern), f"{kind} for {section} in {path}"):
+            for name in matches(available, str(pattern), f"{kind} for {section} in {path}"):
                 if section == "masses":
-                    made[name] = entry
+                    resolved[name] = entry
                 else:
                     entry = _mapping(entry, f"{path}: {section}.{pattern}")
-                    made[name] = {**made.get(name, {}), **entry}
+                    resolved[name] = {**resolved.get(name, {}), **entry}
     for section in NESTED:
         full[section] = dict(_mapping(values.get(section) or {}, f"{path}: {section}"))
     return full
@@ -126,8 +126,8 @@ def override(values: dict[str, Any], changes: Mapping[str, Any], links: Iterable
         elif section in (*BY_JOINT, "contacts", "bodies") and len(rest) == 2:
             what = f"entry of {section} for the override {dotted!r}"
             free = {"dynamics": values.get("joints", ()), "bodies": list(links)}
-            known = free.get(section, values.get(section))
-            for name in matches(known, rest[0], what):
+            available = free.get(section, values.get(section))
+            for name in matches(available, rest[0], what):
                 values[section][name] = {**values[section].get(name, {}), rest[1]: value}
         elif section == UNCERTAIN and rest:
             values[UNCERTAIN] = {**(values.get(UNCERTAIN) or {}), ".".join(rest): value}
@@ -139,14 +139,14 @@ def override(values: dict[str, Any], changes: Mapping[str, Any], links: Iterable
 
 def drives(section: Mapping[str, dict]) -> dict[str, DriveParams]:
     """Drive parameters of each joint with a drive; `kind` selects their class."""
-    made = {}
+    by_joint = {}
     for joint, entry in section.items():
         kind = entry.get("kind")
         if kind not in DRIVES:
             raise NameUnknownError(f"kind of drive for {joint}", str(kind), DRIVES)
         rest = {key: value for key, value in entry.items() if key != "kind"}
-        made[joint] = from_dict(DRIVES[kind], rest, f"drives.{joint}")
-    return made
+        by_joint[joint] = from_dict(DRIVES[kind], rest, f"drives.{joint}")
+    return by_joint
 
 
 def parts(section: Mapping[str, dict], kind: type[Params], where: str) -> dict[str, Any]:
@@ -208,15 +208,15 @@ def uncertain(values: Mapping[str, Any], bodies: Iterable[str], path: Path) -> d
         NameUnknownError: A pattern matches nothing.
         ParameterError: A deviation is not a number above 0.
     """
-    known: dict[str, list[str]] = {
+    by_section: dict[str, list[str]] = {
         "bodies": [f"{link}.{name}" for link in bodies for name in vars(BodyParams())],
         "masses": list(bodies),
     }
     for section in ("drives", "springs"):
         entries = values[section]
-        known[section] = [f"{j}.{k}" for j in entries for k in _numbers(section, entries[j])]
-    dotted = [f"{section}.{name}" for section, names in known.items() for name in names]
-    found: dict[str, float] = {}
+        by_section[section] = [f"{j}.{k}" for j in entries for k in _numbers(section, entries[j])]
+    dotted = [f"{section}.{name}" for section, names in by_section.items() for name in names]
+    deviations: dict[str, float] = {}
     for pattern, size in _mapping(values.get(UNCERTAIN) or {}, f"{path}: {UNCERTAIN}").items():
         part = isinstance(size, str) and size.endswith("%")
         try:
@@ -229,10 +229,10 @@ def uncertain(values: Mapping[str, Any], bodies: Iterable[str], path: Path) -> d
                 f"got {size!r}"
             )
         for name in matches(dotted, str(pattern), f"value for {UNCERTAIN} in {path}"):
-            whole = abs(_value(values, name)) / 100.0 if part else 1.0
-            if whole > 0.0:  # a relative deviation of zero is zero
-                found[name] = number * whole
-    return found
+            reference = abs(_value(values, name)) / 100.0 if part else 1.0
+            if reference > 0.0:  # a relative deviation of zero is zero
+                deviations[name] = number * reference
+    return deviations
 
 
 def _value(values: Mapping[str, Any], dotted: str) -> float:
@@ -259,10 +259,10 @@ def matches(names: Iterable[str], pattern: str, what: str) -> list[str]:
     Raises:
         NameUnknownError: The pattern matches no name.
     """
-    found = [name for name in names if fnmatchcase(name, pattern)]
-    if not found:
+    selected = [name for name in names if fnmatchcase(name, pattern)]
+    if not selected:
         raise NameUnknownError(what, pattern, names)
-    return found
+    return selected
 
 
 def _mapping(value: Any, where: str) -> Mapping:

@@ -22,8 +22,8 @@ def feet_in_base(robot: Any, q: np.ndarray) -> np.ndarray:
         q: Joint positions [rad, m], (T, n).
     """
     frames = link_frames(robot, q, robot.feet)
-    places = [frames[foot][1] for foot in robot.feet]
-    return np.stack(places, axis=1) if places else np.zeros((len(q), 0, 3))
+    origins = [frames[foot][1] for foot in robot.feet]
+    return np.stack(origins, axis=1) if origins else np.zeros((len(q), 0, 3))
 
 
 def link_frames(robot: Any, q: np.ndarray, links: Sequence[str] = ()) -> dict[str, Frames]:
@@ -36,10 +36,10 @@ def link_frames(robot: Any, q: np.ndarray, links: Sequence[str] = ()) -> dict[st
     """
     parent, all_links = _tree(robot.urdf)
     columns = {name: q[:, i] for i, name in enumerate(robot.joints)}
-    known: dict[str, Frames] = {}
+    by_name: dict[str, Frames] = {}
     for link in links or all_links:
-        _frame(link, parent, columns, len(q), known)
-    return known
+        _frame(link, parent, columns, len(q), by_name)
+    return by_name
 
 
 @functools.lru_cache(maxsize=8)  # called for the same robot once per frame of an animation
@@ -64,10 +64,10 @@ def zero_frames(description: Any) -> dict[str, Frames]:
         description: A `Description`.
     """
     parent = {joint.find("child").get("link"): joint for joint in description.elements("joint")}
-    known: dict[str, Frames] = {}
+    by_name: dict[str, Frames] = {}
     for link in description.links():
-        _frame(link, parent, {}, 1, known)
-    return {link: (rotation[0], origin[0]) for link, (rotation, origin) in known.items()}
+        _frame(link, parent, {}, 1, by_name)
+    return {link: (rotation[0], origin[0]) for link, (rotation, origin) in by_name.items()}
 
 
 def _frame(link: str, parent: dict, columns: dict, ticks: int, known: dict[str, Frames]) -> Frames:

@@ -95,14 +95,14 @@ def _parsed(path: Path, bits: int, written: int) -> dict[str, HallSensor]:
             points.setdefault(joint, []).append((float(angle), float(counts)))
         except ValueError:
             raise ParameterError(f"{path}: row {number} is not joint,angle,counts") from None
-    made = {}
+    sensors = {}
     for joint, table in points.items():
         angles, counts = np.array(table).T
         try:
-            made[joint] = HallSensor(np.deg2rad(angles), counts, bits)
+            sensors[joint] = HallSensor(np.deg2rad(angles), counts, bits)
         except ParameterError as error:
             raise ParameterError(f"{path}: {joint}: {error}") from None
-    return made
+    return sensors
 
 
 def check_joints(path: Path, sensors: dict[str, HallSensor], joints: tuple[str, ...]) -> None:

@@ -64,14 +64,14 @@ def names(section: Any, description: Description, where: str) -> tuple[tuple, tu
         _same_keys(parts, KEYS, f"{where}: legs.{leg}")
         joints += [str(parts[kind]) for kind in JOINT_KINDS]
         feet.append(str(parts["foot"]))
-    for kind, wanted, known in (
+    for kind, requested, available in (
         ("joint", joints, description.joint_types()),
         ("link", feet, description.links()),
     ):
-        for name in wanted:
-            if name not in known:
+        for name in requested:
+            if name not in available:
                 raise NameUnknownError(
-                    f"{kind} of the URDF that legs of {where} names", name, known
+                    f"{kind} of the URDF that legs of {where} names", name, available
                 )
     return tuple(joints), tuple(feet)
 
@@ -107,15 +107,15 @@ def geometry(
     legs = np.zeros((4, len(COLUMNS)))
     for i, leg in enumerate(LEGS):
         three = joints[3 * i : 3 * i + 3]
-        axes, places = zip(*(_axis(description, frames, joint) for joint in three), strict=True)
+        axes, origins = zip(*(_axis(description, frames, joint) for joint in three), strict=True)
         signs = [_along(leg, joint, axis, kind)
                  for joint, axis, kind in zip(three, axes, (0, 1, 1), strict=True)]  # fmt: skip
         foot = _foot(description, frames, feet[i])
         _check_chain(description, leg, three, feet[i])
-        known = np.zeros(3) if standing is None else standing[3 * i : 3 * i + 3]
+        angles = np.zeros(3) if standing is None else standing[3 * i : 3 * i + 3]
         ranges = [_angles(description, joint, angle, standing is not None)
-                  for joint, angle in zip(three, known, strict=True)]  # fmt: skip
-        legs[i] = _row(leg, LEFT[i], signs, (*places, foot), ranges)
+                  for joint, angle in zip(three, angles, strict=True)]  # fmt: skip
+        legs[i] = _row(leg, LEFT[i], signs, (*origins, foot), ranges)
     _check_places(legs)
     return legs
 
@@ -134,19 +134,19 @@ def _row(leg: str, left: float, signs: list, points: tuple, ranges: list) -> np.
             f"{row[THIGH]:.3g} and {row[SHANK]:.3g} m; `foot` is the link at the end of the shank"
         )
     hanging = math.atan2(-thigh[0], -thigh[2])  # canonical angles at the zero pose
-    bent = math.atan2(-shank[0], -shank[2]) - hanging
+    knee_angle = math.atan2(-shank[0], -shank[2]) - hanging
     row[SIGN : SIGN + 3] = -left * signs[0], signs[1], signs[2]
-    for joint, angle in enumerate((0.0, hanging, bent)):
+    for joint, angle in enumerate((0.0, hanging, knee_angle)):
         sign, usual = row[SIGN + joint], ranges[joint][0]
         turns = (angle + sign * usual) / (2.0 * math.pi)
         row[ZERO + joint] = -sign * (angle - 2.0 * math.pi * round(turns))
-    pose, *ends = (row[SIGN + 2] * (angle - row[ZERO + 2]) for angle in ranges[2])
-    low, high = sorted(ends)
+    pose, *bounds = (row[SIGN + 2] * (angle - row[ZERO + 2]) for angle in ranges[2])
+    low, high = sorted(bounds)
     one_way = low >= 0.0 or high <= 0.0
     row[KNEE] = 1.0 if (high > 0.0 if one_way else pose > 0.0) else -1.0
-    least, most = sorted((row[KNEE] * low, row[KNEE] * high))
-    row[BENT] = math.cos(min(most, MOST_BENT))
-    row[STRAIGHT] = math.cos(max(least, STRAIGHTEST))
+    min_bend, max_bend = sorted((row[KNEE] * low, row[KNEE] * high))
+    row[BENT] = math.cos(min(max_bend, MOST_BENT))
+    row[STRAIGHT] = math.cos(max(min_bend, STRAIGHTEST))
     return np.round(row, DIGITS) + 0.0  # turns -0.0 into 0.0
 
 

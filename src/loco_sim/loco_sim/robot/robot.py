@@ -219,10 +219,10 @@ def _followers(
 ) -> dict[str, tuple[str, float, float]]:
     """Leader, factor and offset of each joint that follows another joint of the robot."""
     try:
-        found = description.mimics()
+        couplings = description.mimics()
     except ValueError as error:
         raise ParameterError(f"a <mimic> of the URDF has no number: {error}") from None
-    return {j: lead for j, lead in found.items() if j in joints and lead[0] in joints}
+    return {j: lead for j, lead in couplings.items() if j in joints and lead[0] in joints}
 
 
 def _text(urdf: Path) -> str:
@@ -298,9 +298,9 @@ def _with_legs(
     """
     joints, feet = leg_geometry.names(values["legs"], description, str(path))
     listed, standing = list(values["joints"]), values.get("standing")
-    for key, wanted, found in (("joints", joints, listed), ("feet", feet, values.get("feet"))):
-        if found and sorted(map(str, found)) != sorted(wanted):
-            raise ParameterError(f"{path}: {_not_of_legs(key, list(map(str, found)), wanted)}")
+    for key, required, entries in (("joints", joints, listed), ("feet", feet, values.get("feet"))):
+        if entries and sorted(map(str, entries)) != sorted(required):
+            raise ParameterError(f"{path}: {_not_of_legs(key, list(map(str, entries)), required)}")
     posed = None
     if standing:
         posed = _standing(standing, len(joints))[[listed.index(joint) for joint in joints]]
@@ -348,7 +348,7 @@ def _foot_of(description: Description, joints: tuple, feet: tuple) -> np.ndarray
     """Index of the foot moved by each joint, (n,); -1 for none or several."""
     chains = [set(description.above(foot)) for foot in feet]
     moved = [[k for k, chain in enumerate(chains) if joint in chain] for joint in joints]
-    return np.array([found[0] if len(found) == 1 else -1 for found in moved], dtype=int)
+    return np.array([indices[0] if len(indices) == 1 else -1 for indices in moved], dtype=int)
 
 
 def _standing(values: Any, count: int) -> np.ndarray:
@@ -372,10 +372,10 @@ def joint_index(joints: tuple[str, ...], pattern: str) -> np.ndarray:
     Raises:
         NameUnknownError: No joint has this name or matches this pattern.
     """
-    found = [i for i, joint in enumerate(joints) if fnmatchcase(joint, pattern)]
-    if not found:
+    indices = [i for i, joint in enumerate(joints) if fnmatchcase(joint, pattern)]
+    if not indices:
         raise NameUnknownError("joint", pattern, joints)
-    return np.array(found)
+    return np.array(indices)
 
 
 def _path(name_or_path: str | Path) -> Path:
@@ -400,8 +400,8 @@ def _parsed(path: Path, written: int) -> dict[str, Any]:
     """As `_read`, cached by the modification time `written` [ns]."""
     values = read_yaml(path, "robot")
     sections = (*equipment.BY_JOINT, *equipment.BY_LINK, *equipment.NESTED)
-    known = ("urdf", "joints", "feet", "standing", "legs", *equipment.SCALARS, *sections)
-    known = (*known, equipment.UNCERTAIN)
+    allowed = ("urdf", "joints", "feet", "standing", "legs", *equipment.SCALARS, *sections)
+    allowed = (*allowed, equipment.UNCERTAIN)
     if not isinstance(values, dict) or not {"urdf", "joints"} <= set(values):
         raise ParameterError(f"{path} must be a mapping with at least 'urdf' and 'joints'")
     for key in ("joints", "feet"):
@@ -411,16 +411,16 @@ def _parsed(path: Path, written: int) -> dict[str, Any]:
                 f"{path}: {key} must be a list without repeats, got {shown(listed)}"
             )
     for key in values:
-        if key not in known:
-            raise NameUnknownError(f"key in {path}", key, known)
+        if key not in allowed:
+            raise NameUnknownError(f"key in {path}", key, allowed)
     return values
 
 
 def _check_names(path: Path, description: Description, joints: tuple, feet: tuple) -> np.ndarray:
     """Effort limit of each joint [N·m], (n,); raises if a joint or foot is not in the URDF."""
     efforts = description.efforts()
-    for kind, wanted, known in (("joint", joints, efforts), ("link", feet, description.links())):
-        for name in wanted:
-            if name not in known:
-                raise NameUnknownError(f"{kind} of the URDF that {path} names", name, known)
+    for kind, listed, valid in (("joint", joints, efforts), ("link", feet, description.links())):
+        for name in listed:
+            if name not in valid:
+                raise NameUnknownError(f"{kind} of the URDF that {path} names", name, valid)
     return np.array([efforts[j] for j in joints])

@@ -142,10 +142,10 @@ class Sensors:
             for i, sensor in self._hall:
                 q[i] = sensor.reached(q[i])
             return q
-        step, spread = self._step, self._params.hall.noise
+        step, deviation = self._step, self._params.hall.noise
         for i in self._encoder:
             q[i] = step * floor(q[i] / step + 0.5)
         for k, (i, sensor) in enumerate(self._hall):
-            counts = self.adc[k] = sensor.counts(q[i], spread * noise[k])
+            counts = self.adc[k] = sensor.counts(q[i], deviation * noise[k])
             q[i] = sensor.angle(counts)
         return q

@@ -45,10 +45,10 @@ def check(urdf: str, folder: Path, name: str, bolted: bool = False) -> None:
     Raises:
         ParameterError: The URDF has faults; names the file, the first fault and how many more.
     """
-    found = list(problems(parse(urdf, name), folder, bolted))
-    if found:
-        more = f" (and {len(found) - 1} more)" if len(found) > 1 else ""
-        raise ParameterError(f"{name}: {found[0]}{more}")
+    faults = list(problems(parse(urdf, name), folder, bolted))
+    if faults:
+        suffix = f" (and {len(faults) - 1} more)" if len(faults) > 1 else ""
+        raise ParameterError(f"{name}: {faults[0]}{suffix}")
 
 
 def parse(urdf: str, name: str = "the robot description") -> ET.Element:
@@ -140,29 +140,29 @@ def _names(root: ET.Element) -> Iterator[str]:
 def _joints(root: ET.Element) -> Iterator[str]:
     """Faults of type, parent and child of each joint."""
     links = {link.get("name") for link in root.findall("link")}
-    carried: dict[str, str] = {}
+    joint_of: dict[str, str] = {}
     for joint in root.findall("joint"):
         what, kind = f"joint {joint.get('name')!r}", joint.get("type")
         if kind not in TYPES:
             yield f"{what} is of type {kind!r}; the engine moves {', '.join(TYPES)}"
-        ends = {}
+        connected = {}
         for end in ("parent", "child"):
             element = joint.find(end)
-            ends[end] = None if element is None else element.get("link")
-            if ends[end] is None:
+            connected[end] = None if element is None else element.get("link")
+            if connected[end] is None:
                 yield f'{what} has no <{end} link="...">'
-            elif ends[end] not in links:
-                yield f"{what}: its {end} {ends[end]!r} is not a link of the robot"
-        child = ends["child"]
-        if child is not None and child == ends["parent"]:
+            elif connected[end] not in links:
+                yield f"{what}: its {end} {connected[end]!r} is not a link of the robot"
+        child = connected["child"]
+        if child is not None and child == connected["parent"]:
             yield f"{what} makes link {child!r} its own parent"
-        elif child in carried:
+        elif child in joint_of:
             yield (
-                f"link {child!r} has two parents, by joints {carried[child]!r} and "
+                f"link {child!r} has two parents, by joints {joint_of[child]!r} and "
                 f"{joint.get('name')!r}; the engine knows no closed chains"
             )
         elif child is not None:
-            carried[child] = joint.get("name")
+            joint_of[child] = joint.get("name")
 
 
 def _tree(root: ET.Element) -> Iterator[str]:
@@ -174,11 +174,11 @@ def _tree(root: ET.Element) -> Iterator[str]:
     links = [link.get("name") for link in root.findall("link")]
     roots = [name for name in links if name not in parents]
     for name in links:
-        seen = [name]
-        while seen[-1] in parents and parents[seen[-1]] not in seen:
-            seen.append(parents[seen[-1]])
-        if seen[-1] in parents:
-            ring = seen[seen.index(parents[seen[-1]]) :]
+        path = [name]
+        while path[-1] in parents and parents[path[-1]] not in path:
+            path.append(parents[path[-1]])
+        if path[-1] in parents:
+            ring = path[path.index(parents[path[-1]]) :]
             yield f"the links {', '.join(map(repr, ring))} carry each other in a ring"
             return
     if len(roots) > 1:
@@ -213,8 +213,8 @@ def _joint_numbers(joint: ET.Element) -> Iterator[str]:
     elif kind != "continuous":
         low, high = (_number(limit.get(key, "0")) for key in ("lower", "upper"))
         if math.isnan(low) or math.isnan(high):
-            said = " and ".join(repr(limit.get(key)) for key in ("lower", "upper"))
-            yield f"{what}: its limits {said} are no numbers"
+            bounds = " and ".join(repr(limit.get(key)) for key in ("lower", "upper"))
+            yield f"{what}: its limits {bounds} are no numbers"
         elif low > high:
             yield f"{what}: its lower limit {low:g} is above its upper limit {high:g}"
 
@@ -250,21 +250,21 @@ def _inertial(link: ET.Element, free: bool) -> Iterator[str]:
 
 def _weightless(root: ET.Element, free: set[str]) -> Iterator[str]:
     """Faults of moving links without any mass, and of a floating root without mass."""
-    own = {link.get("name"): mass_of(link) for link in root.findall("link")}
+    masses = {link.get("name"): mass_of(link) for link in root.findall("link")}
     parents = {
         joint.find("child").get("link"): joint.find("parent").get("link")
         for joint in root.findall("joint")
     }
-    total = dict(own)
-    for name, mass in own.items():
+    total = dict(masses)
+    for name, mass in masses.items():
         while name in parents:
             name = parents[name]
             total[name] += mass
-    if free and not any(own.values()):
+    if free and not any(masses.values()):
         yield "no link of it has a mass: it is a drawing, and moves once links have an <inertial>"
         return
-    for name in own:
-        if name in free and (total[name] == 0.0 or (name not in parents and own[name] == 0.0)):
+    for name in masses:
+        if name in free and (total[name] == 0.0 or (name not in parents and masses[name] == 0.0)):
             moves = "moves" if name in parents else "is the root of a robot that is not bolted"
             mend = "`loco robot new` mends that" if name not in parents else "give it an <inertial>"
             yield f"link {name!r} {moves} but has no mass; {mend}"
@@ -315,8 +315,8 @@ def shape_problems(shape: ET.Element, what: str, folder: Path, collides: bool) -
     geometry = shape.find("geometry")
     body = None if geometry is None else next(iter(geometry), None)
     if body is None or body.tag not in SIZES:
-        known = ", ".join(SIZES)
-        yield f"{what}: its <{shape.tag}> needs a <geometry> with one of {known}"
+        tags = ", ".join(SIZES)
+        yield f"{what}: its <{shape.tag}> needs a <geometry> with one of {tags}"
         return
     for key in SIZES[body.tag]:
         values = _numbers(body.get(key, ""), 3 if key == "size" else 1)
@@ -361,5 +361,5 @@ def _number(text: str) -> float:
 
 def _numbers(text: str, count: int) -> np.ndarray | None:
     """Numbers of an attribute; None unless there are `count`, all of magnitude up to `LARGEST`."""
-    values = np.array([_number(word) for word in text.split()])
+    values = np.array([_number(token) for token in text.split()])
     return values if len(values) == count and np.all(np.abs(values) <= LARGEST) else None

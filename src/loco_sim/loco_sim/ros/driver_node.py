@@ -69,11 +69,11 @@ class DriverNode(JointPlantNode):
             self.sim.limp()
             self._approach_start = None  # restarts after a reset
             return
-        begin, k = self._approach_start or (state.q, 0)
-        most = FASTEST * max(abs(standing - begin)) / self._speed
-        share = min(1.0, (k + 1) / max(1.0, most * self.rate))
-        self.sim.drive(begin + share * share * (3.0 - 2.0 * share) * (standing - begin))
-        self._approach_start = begin, k + 1
+        start, k = self._approach_start or (state.q, 0)
+        duration = FASTEST * max(abs(standing - start)) / self._speed
+        share = min(1.0, (k + 1) / max(1.0, duration * self.rate))
+        self.sim.drive(start + share * share * (3.0 - 2.0 * share) * (standing - start))
+        self._approach_start = start, k + 1
         if share >= 1.0:
             self._timer.cancel()
             super()._start()

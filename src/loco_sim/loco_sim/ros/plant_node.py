@@ -196,8 +196,8 @@ class PlantNode(LocoNode):
         self._grace.cancel()
         self._grace = None
         tick, reason = self._unreadable
-        answered = self._commands is not None and self._commands[0].tick >= tick
-        if not (answered or self._finished or self._strangers()):
+        replaced = self._commands is not None and self._commands[0].tick >= tick
+        if not (replaced or self._finished or self._strangers()):
             self.event("error", reason, *self.now())
             raise GraphError(reason)
 
@@ -347,8 +347,8 @@ class PlantNode(LocoNode):
             waits = ", ".join(sorted(self._waiting_for))
             return {"waiting for nodes": waits} if waits else {"silence": 0.0}
         wall = time.perf_counter() - self._began
-        refused = self._join.refused + self.sim.rejected
-        counts = (self.state.tick, self._late, refused)
+        n_rejected = self._join.refused + self.sim.rejected
+        counts = (self.state.tick, self._late, n_rejected)
         ticks, late, rejected = (a - b for a, b in zip(counts, self._reported, strict=True))
         self._reported = counts
         values: dict[str, Any] = {"silence": 0.0} if self._finished else {}
@@ -362,7 +362,7 @@ class PlantNode(LocoNode):
             "real_time_factor": self.state.t / wall if wall > 0 else 0.0,
             "late_ticks": self._late,
             "stale_commands": self._join.stale,
-            "rejected_commands": refused,
+            "rejected_commands": n_rejected,
             "late_share": late / ticks if ticks else 0.0,
             "rejected": rejected,
             "clock": self.tick.clock,

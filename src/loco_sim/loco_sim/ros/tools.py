@@ -28,8 +28,8 @@ class ToolTopics:
         tool_rate = node.declare_parameter("tool_rate", 0.0).value  # 0: rates of the table
         self._rows = []
         for name, encode in encoders(robot).items():
-            wanted = topic(name).rate if name == "/clock" else tool_rate or topic(name).rate
-            every = max(1, round(rate / wanted))
+            topic_rate = topic(name).rate if name == "/clock" else tool_rate or topic(name).rate
+            every = max(1, round(rate / topic_rate))
             self._rows.append((node.raw_output(name), encode, every))
 
     def publish(self, state: RobotState, truth: GroundTruth) -> None:

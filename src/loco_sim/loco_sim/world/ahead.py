@@ -103,11 +103,11 @@ class Ahead:
             state[1, n:] = *velocity, *(turn.T @ spin)
         bodies = np.array([self._frames[c.link].body for c in contacts], dtype=np.int64)
         touch = np.array([(*c.point, *c.normal, *c[3:]) for c in contacts]).reshape(-1, TOUCH)
-        found = stepped(
+        result = stepped(
             self._tree, self._gravity, state[:, order], laws[:, order], bodies, touch, dt,
             self._room,
         )  # fmt: skip
-        return found[:, self._joints]
+        return result[:, self._joints]
 
 
 @njit(cache=True, error_model="numpy")
@@ -128,16 +128,16 @@ def stepped(tree, gravity, state, law, bodies, touch, dt, room):
     n, rows = len(law[0]), 3 * len(bodies)
     q, dq, bias = state[0], state[1], np.empty(n)
     dynamics(tree, gravity, q, dq, links, matrix, bias)
-    ways = directions(tree[0], links, bodies, touch)
-    most, found = np.full(n, np.nan), np.empty((2, n))
+    jacobian = directions(tree[0], links, bodies, touch)
+    saturated, result = np.full(n, np.nan), np.empty((2, n))
     for _ in range(n + 1):
         factor, answer = matrix.copy(), np.empty((rows + 1, n))
-        answer[:rows] = ways
+        answer[:rows] = jacobian
         for i in range(n):
-            slope, given = law[PASSIVE, i], most[i]
-            if np.isnan(given):
-                slope, given = slope + law[GAIN, i], law[WANTED, i]
-            momentum = dt * (state[2, i] + given - bias[i])
+            slope, drive = law[PASSIVE, i], saturated[i]
+            if np.isnan(drive):
+                slope, drive = slope + law[GAIN, i], law[WANTED, i]
+            momentum = dt * (state[2, i] + drive - bias[i])
             for j in range(n):
                 momentum += matrix[i, j] * dq[j]
             answer[rows, i] = momentum
@@ -147,23 +147,23 @@ def stepped(tree, gravity, state, law, bodies, touch, dt, room):
             solve(tree[0], factor, answer, k)
         speed = answer[rows].copy()
         if rows:
-            impulses = settled(ways @ answer[:rows].T, ways @ speed, touch)
+            impulses = settled(jacobian @ answer[:rows].T, jacobian @ speed, touch)
             speed += impulses @ answer[:rows]
         over = False
         for i in range(n):
-            asked = law[WANTED, i] - law[GAIN, i] * speed[i]
-            if np.isnan(most[i]) and abs(asked) > law[LIMIT, i]:
-                most[i], over = np.copysign(law[LIMIT, i], asked), True
+            torque = law[WANTED, i] - law[GAIN, i] * speed[i]
+            if np.isnan(saturated[i]) and abs(torque) > law[LIMIT, i]:
+                saturated[i], over = np.copysign(law[LIMIT, i], torque), True
         if not over:
             break
-    found[0], found[1] = speed, most
-    return found
+    result[0], result[1] = speed, saturated
+    return result
 
 
 @njit(cache=True, error_model="numpy")
 def directions(kin, links, bodies, touch):
     """Jacobian of the contacts: normal and two tangential speeds per joint speed, (3 k, n)."""
-    found = np.zeros((3 * len(bodies), len(kin)))
+    jacobian = np.zeros((3 * len(bodies), len(kin)))
     for k in range(len(bodies)):
         point, normal = vector(touch, k, POINT), vector(touch, k, NORMAL)
         side = (0.0, 1.0, 0.0) if abs(normal[1]) < 0.7 else (1.0, 0.0, 0.0)
@@ -177,11 +177,11 @@ def directions(kin, links, bodies, touch):
             moved = along
             if not kin[j, 1]:
                 moved = cross(along, (point[0] - at[0], point[1] - at[1], point[2] - at[2]))
-            found[3 * k, j] = dot(normal, moved)
-            found[3 * k + 1, j] = dot(first, moved)
-            found[3 * k + 2, j] = dot(second, moved)
+            jacobian[3 * k, j] = dot(normal, moved)
+            jacobian[3 * k + 1, j] = dot(first, moved)
+            jacobian[3 * k + 2, j] = dot(second, moved)
             j = kin[j, 0]
-    return found
+    return jacobian
 
 
 @njit(cache=True, error_model="numpy")
@@ -197,20 +197,20 @@ def settled(answer, speed, touch):
     for _ in range(SWEEPS):
         moved = 0.0
         for row in range(len(speed)):
-            k, way = row // 3, row % 3
-            own = answer[row, row]
-            if way == 0:
-                own += touch[k, GIVE]
+            k, direction = row // 3, row % 3
+            diagonal = answer[row, row]
+            if direction == 0:
+                diagonal += touch[k, GIVE]
                 short = touch[k, SPEED] - speed[row] - touch[k, GIVE] * impulse[row]
-                wanted = max(0.0, impulse[row] + short / own)
+                target = max(0.0, impulse[row] + short / diagonal)
             else:
-                most = touch[k, FRICTION] * impulse[row - way]
-                wanted = min(max(impulse[row] - speed[row] / own, -most), most)
-            change = wanted - impulse[row]
+                max_impulse = touch[k, FRICTION] * impulse[row - direction]
+                target = min(max(impulse[row] - speed[row] / diagonal, -max_impulse), max_impulse)
+            change = target - impulse[row]
             if change != 0.0:
-                impulse[row] = wanted
+                impulse[row] = target
                 speed += change * answer[:, row]
-                moved = max(moved, abs(change) * own)
+                moved = max(moved, abs(change) * diagonal)
         if moved <= SETTLED:
             break
     return impulse

@@ -91,18 +91,18 @@ class World(world.World):
     # ---- building ----------------------------------------------------------------
 
     def _lowest_foot(self) -> float:
-        heights, others = [], []
+        heights, other_feet = [], []
         for foot in self.robot.feet:
             shapes = self._client.getCollisionShapeData(self._body, self._links[foot])
             balls = self.description.balls(foot)
             if len(balls) == len(shapes):  # only spheres, or no shape
-                ends = [self.place(foot, centre)[2] - radius for centre, radius in balls]
-                heights.append(min(ends, default=self.place(foot)[2]))
+                bottoms = [self.place(foot, centre)[2] - radius for centre, radius in balls]
+                heights.append(min(bottoms, default=self.place(foot)[2]))
             else:
-                others.append(foot)
-        if others:
+                other_feet.append(foot)
+        if other_feet:
             points = self.lowest_points()
-            heights += [points[foot][2] for foot in others]
+            heights += [points[foot][2] for foot in other_feet]
         return min(heights)
 
     def _load(self, height: float) -> None:
@@ -140,10 +140,10 @@ class World(world.World):
         """The robot with rotor inertias added to the driven links, as PyBullet has no armature."""
         if not self.armature:
             return self.description
-        made = Description(self.description.text())
+        variant = Description(self.description.text())
         for joint, inertia in self.armature.items():
-            made.add_armature(joint, inertia)
-        return made
+            variant.add_armature(joint, inertia)
+        return variant
 
     def _make_ground(self) -> int:
         """Plane or terrain; PyBullet centres the range of heights at the origin of the terrain."""
@@ -273,36 +273,36 @@ class World(world.World):
         PyBullet has no implicit damping, so the speed after the step is predicted (`ahead`), and
         the corresponding torque is applied.
         """
-        n, (wanted, gain, _, passive) = len(tau), law
+        n, (torque, gain, _, passive) = len(tau), law
         if self._ahead is None:
             names = tuple(self._name[j] for j in self._read)
             self._ahead = Ahead(self._given(), names, self.robot.fixed_base, self.pull)
         motion = self.joint_states()
-        bent = self._bending()
-        laws, held = np.zeros((4, n + len(bent))), np.array([*tau, *bent])
+        hinge_tau = self._bending()
+        laws, held = np.zeros((4, n + len(hinge_tau))), np.array([*tau, *hinge_tau])
         laws[:, :n] = law
-        if bent:
+        if hinge_tau:
             angles, rates = zip(*self._bent, strict=True)
             motion = (*motion[0], *angles), (*motion[1], *rates)
-        after, most = self._ahead.after(motion, self.base(), held, laws, self._touching(), self.dt)
-        speed, most = after[:n], most[:n]
-        drive = np.where(np.isnan(most), wanted - gain * speed, most)
-        self._advance([*(tau + drive - passive * speed).tolist(), *bent])
+        after, caps = self._ahead.after(motion, self.base(), held, laws, self._touching(), self.dt)
+        speed, caps = after[:n], caps[:n]
+        drive = np.where(np.isnan(caps), torque - gain * speed, caps)
+        self._advance([*(tau + drive - passive * speed).tolist(), *hinge_tau])
         return drive, speed
 
     def _touching(self) -> list[Contact]:
         """Contacts of the robot with the ground, including those expected in this step."""
-        found, dt, p = [], self.dt, self.params
-        for near in self._client.getContactPoints(self._body, self._ground):
-            link, distance = self._links_by_index[near[3]], near[8]
+        contacts, dt, p = [], self.dt, self.params
+        for contact in self._client.getContactPoints(self._body, self._ground):
+            link, distance = self._links_by_index[contact[3]], contact[8]
             k, d = self.softness(link)
             give, share = 0.0, DEPTH_SHARE
             if k > 0.0:
                 give, share = 1.0 / (dt * (dt * k + d)), dt * k / (dt * k + d)
             speed = -distance / dt * (1.0 if distance > 0.0 else share)
             slip = self.friction.get(link, p.friction)
-            found.append(Contact(link, near[5], near[7], speed, give, slip))
-        return found
+            contacts.append(Contact(link, contact[5], contact[7], speed, give, slip))
+        return contacts
 
     def brake(self, budget: np.ndarray, dq: np.ndarray) -> None:
         """Brake each joint by up to this torque from now on.
@@ -410,16 +410,16 @@ class World(world.World):
         """Lowest point of each collision link, world frame [m]; of convex hulls for meshes."""
         c = self._client
         names = {index: name for name, index in self._links.items()}
-        found: dict[str, Triple] = {}
+        lowest: dict[str, Triple] = {}
         # The point nearest to a height field is not the lowest, and the search is slow.
         plane = self._ground if self.terrain is None else self._make_plane()
-        for near in c.getClosestPoints(self._body, plane, FAR):
-            name, point = names[near[3]], near[5]
-            if name not in found or point[2] < found[name][2]:
-                found[name] = point
+        for closest in c.getClosestPoints(self._body, plane, FAR):
+            name, point = names[closest[3]], closest[5]
+            if name not in lowest or point[2] < lowest[name][2]:
+                lowest[name] = point
         if plane != self._ground:
             c.removeBody(plane)
-        return found
+        return lowest
 
     def energy(self) -> tuple[float, float]:
         c, body = self._client, self._body
@@ -434,10 +434,10 @@ class World(world.World):
                     body, link, computeLinkVelocity=1, computeForwardKinematics=1
                 )
                 at, turn, velocity, spin = state[0], state[1], state[6], state[7]
-            own = rotate_back(rotation_matrix(turn), spin)  # along principal axes
+            principal_spin = rotate_back(rotation_matrix(turn), spin)  # along principal axes
             potential -= mass * float(np.dot(self.pull, at))
             kinetic += 0.5 * mass * float(np.dot(velocity, velocity))
-            kinetic += 0.5 * float(np.dot(moments, np.square(own)))
+            kinetic += 0.5 * float(np.dot(moments, np.square(principal_spin)))
         return potential, kinetic
 
     def _mass_matrix(
@@ -448,8 +448,8 @@ class World(world.World):
         base = 0 if self.robot.fixed_base else 6
         row = {j: base + k for k, j in enumerate(self._moving)}
         mass = self._client.calculateMassMatrix(self._body, moving)
-        bent = [row[self._links[link]] for link in self.hinges]
-        return np.array(mass), [row[j] for j in self._joints], list(range(base)), bent
+        hinge_rows = [row[self._links[link]] for link in self.hinges]
+        return np.array(mass), [row[j] for j in self._joints], list(range(base)), hinge_rows
 
 
 def _with_own_meshes(text: str, folder: Path) -> str:

@@ -76,9 +76,9 @@ class Figure:
         frames = link_frames(self._robot, np.asarray(q, dtype=float)[None])
         base = np.array(rotation_matrix(orientation)).reshape(3, 3)
         turns = np.array([base @ frames[link][0][0] for link in self._links])
-        places = np.array([base @ frames[link][1][0] + position for link in self._links])
+        origins = np.array([base @ frames[link][1][0] + position for link in self._links])
         self._world = np.einsum("tij,tkj->tki", turns[self._owner], self._corners)
-        self._world += places[self._owner][:, None]
+        self._world += origins[self._owner][:, None]
 
     def corners(self, margin: float = 0.08) -> np.ndarray:
         """Corners of bounding boxes of the shapes, world frame [m], (8 n, 3).
@@ -207,16 +207,16 @@ def rasterise(clip, paint, width, height):
     depth = np.full((height, width), np.inf)
     x, y, z = np.empty(3), np.empty(3), np.empty(3)
     for i in range(len(clip)):
-        behind = False
+        clipped = False
         for k in range(3):
             w = clip[i, k, 3]
             if w < NEAR:
-                behind = True
+                clipped = True
                 break
             x[k] = (0.5 + 0.5 * clip[i, k, 0] / w) * width - 0.5
             y[k] = (0.5 - 0.5 * clip[i, k, 1] / w) * height - 0.5
             z[k] = clip[i, k, 2] / w
-        if behind:
+        if clipped:
             continue
         area = (x[1] - x[0]) * (y[2] - y[0]) - (x[2] - x[0]) * (y[1] - y[0])
         if area == 0.0:

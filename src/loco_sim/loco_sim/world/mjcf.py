@@ -120,8 +120,8 @@ class _Writer:
             raise ParameterError("there is no body in it")
         held = [top for top in trees if not self._free(top) and self._joints(trees[top])]
         tops = [main] if self._free(main) or main not in held else held
-        others = [self._name(top) for top in trees if top not in tops]
-        for name in others:
+        omitted = [self._name(top) for top in trees if top not in tops]
+        for name in omitted:
             self._note("left out, as it is no part of the robot with the most joints", name)
         rooted = len(tops) == 1 and not self._joints([tops[0]])
         if not rooted:
@@ -154,8 +154,8 @@ class _Writer:
 
     def _joints(self, bodies: list[int]) -> list[int]:
         """Joints of bodies, except free joints."""
-        own = [j for body in bodies for j in self._own(body)]
-        return [j for j in own if self._model.jnt_type[j] != mujoco.mjtJoint.mjJNT_FREE]
+        joints = [j for body in bodies for j in self._own(body)]
+        return [j for j in joints if self._model.jnt_type[j] != mujoco.mjtJoint.mjJNT_FREE]
 
     def _name(self, body: int) -> str:
         name = self._model.body(body).name or f"body_{body}"
@@ -249,10 +249,10 @@ class _Writer:
                 self._note(
                     "follows another along a straight line, not the curve", element.get("name")
                 )
-            own, other = (float(model.qpos0[model.jnt_qposadr[j]]) for j in (joint, lead))
+            reference, other = (float(model.qpos0[model.jnt_qposadr[j]]) for j in (joint, lead))
             ET.SubElement(
                 element, "mimic", joint=self._joint_name(lead), multiplier=f"{data[1]:.9g}",
-                offset=f"{own + data[0] - data[1] * other:.9g}",
+                offset=f"{reference + data[0] - data[1] * other:.9g}",
             )  # fmt: skip
 
     # ---- contents of links
@@ -312,7 +312,7 @@ class _Writer:
 
     def _efforts(self) -> dict[str, float]:
         """Effort limit of each joint with an actuator [N·m or N], 0 if it has none."""
-        model, found = self._model, {}
+        model, efforts = self._model, {}
         by_joint = (int(mujoco.mjtTrn.mjTRN_JOINT), int(mujoco.mjtTrn.mjTRN_JOINTINPARENT))
         for k in range(len(model.actuator_trntype)):
             if int(model.actuator_trntype[k]) not in by_joint:
@@ -324,19 +324,19 @@ class _Writer:
             elif model.actuator_ctrllimited[k] and not model.actuator_biastype[k]:
                 gain = abs(float(model.actuator_gainprm[k][0]))
                 effort = gear * gain * float(np.abs(model.actuator_ctrlrange[k]).max())
-            found[name] = found.get(name, 0.0) + effort
+            efforts[name] = efforts.get(name, 0.0) + effort
         for joint in np.flatnonzero(model.jnt_actfrclimited):
-            found[self._joint_name(joint)] = float(np.abs(model.jnt_actfrcrange[joint]).max())
-        return found
+            efforts[self._joint_name(joint)] = float(np.abs(model.jnt_actfrcrange[joint]).max())
+        return efforts
 
     def _leave_out(self) -> None:
         """Note parts of the model that a URDF cannot hold."""
         model = self._model
         for k in range(model.neq):
-            kind, ends = model.eq_type[k], (int(model.eq_obj1id[k]), int(model.eq_obj2id[k]))
+            kind, pair = model.eq_type[k], (int(model.eq_obj1id[k]), int(model.eq_obj2id[k]))
             if kind == mujoco.mjtEq.mjEQ_CONNECT or kind == mujoco.mjtEq.mjEQ_WELD:
                 on_bodies = model.eq_objtype[k] == mujoco.mjtObj.mjOBJ_BODY
-                names = [self._name(end) for end in ends if end > 0] if on_bodies else []
+                names = [self._name(end) for end in pair if end > 0] if on_bodies else []
                 text = "a closed chain stays open, as robots here are trees; without the tie of"
                 self._note(text, " and ".join(names) or model.equality(k).name or f"equality {k}")
             elif kind == mujoco.mjtEq.mjEQ_TENDON:

@@ -50,8 +50,8 @@ class World(world.World):
     ) -> None:
         super().rebuild(q, configure, height)
         m = self._model
-        kept = self._data.qpos, m.geom_friction, m.body_pos, m.body_quat
-        self._built = tuple(values.copy() for values in kept)
+        initial = self._data.qpos, m.geom_friction, m.body_pos, m.body_quat
+        self._built = tuple(values.copy() for values in initial)
 
     def forget(self) -> bool:
         m, d = self._model, self._data
@@ -148,13 +148,13 @@ class World(world.World):
     def lowest_points(self) -> dict[str, Triple]:
         """Lowest point of each collision link, world frame [m]; of convex hulls for meshes."""
         self._look()
-        found: dict[str, Triple] = {}
+        lowest: dict[str, Triple] = {}
         for link, body in self._bodies.items():
             geoms = np.flatnonzero(self._model.geom_bodyid == body)
             points = [lowest_point(self._model, self._data, geom) for geom in geoms]
             if points:
-                found[link] = min(points, key=lambda point: point[2])
-        return found
+                lowest[link] = min(points, key=lambda point: point[2])
+        return lowest
 
     def _lift(self, height: float) -> None:
         """Set the height of the base [m]."""
@@ -228,29 +228,29 @@ class World(world.World):
         Raises:
             DivergedError: The state is no longer finite.
         """
-        wanted, gain, limit, passive = law
+        target, gain, limit, passive = law
         m, data, at = self._model, self._data, self._dq_at
         before, armature, diagonal = data.qvel[at], m.dof_armature[at], m.dof_M0[at]
-        most = np.full(len(at), np.nan)  # torque of the drives at their limit
+        saturated = np.full(len(at), np.nan)  # torque of the drives at their limit
         while True:
-            free = np.isnan(most)
+            free = np.isnan(saturated)
             slope = np.where(free, gain, 0.0) + passive
-            given = np.where(free, wanted, most)
-            self._apply((tau + given - slope * before).tolist())
+            drive = np.where(free, target, saturated)
+            self._apply((tau + drive - slope * before).tolist())
             m.dof_armature[at] = armature + self.dt * slope
             m.dof_M0[at] = diagonal + self.dt * slope  # for joints with constant inertia
             mujoco.mj_forward(m, data)
-            asked = wanted - gain * (before + self.dt * data.qacc[at])
-            over = free & (np.abs(asked) > limit)
+            torque = target - gain * (before + self.dt * data.qacc[at])
+            over = free & (np.abs(torque) > limit)
             if not over.any():
                 break
-            most[over] = np.copysign(limit, asked)[over]
+            saturated[over] = np.copysign(limit, torque)[over]
         mujoco.mj_checkAcc(m, data)
         mujoco.mj_implicit(m, data)
         m.dof_armature[at], m.dof_M0[at] = armature, diagonal
         self._tidy()
         after = data.qvel[at]
-        return np.where(free, np.clip(wanted - gain * after, -limit, limit), most), after
+        return np.where(free, np.clip(target - gain * after, -limit, limit), saturated), after
 
     def _tidy(self) -> None:
         """Common actions after each step."""
@@ -288,8 +288,8 @@ class World(world.World):
         m, data = self._model, self._data
         if self.robot.fixed_base:
             w, x, y, z = m.body_quat[self._root].tolist()
-            still = (0.0, 0.0, 0.0)
-            return Base(tuple(m.body_pos[self._root].tolist()), (x, y, z, w), still, still)
+            zero = (0.0, 0.0, 0.0)
+            return Base(tuple(m.body_pos[self._root].tolist()), (x, y, z, w), zero, zero)
         px, py, pz, w, x, y, z = data.qpos[:7].tolist()
         vx, vy, vz, *spin = data.qvel[:6].tolist()
         spin = rotate(rotation_matrix((x, y, z, w)), spin)
@@ -323,10 +323,10 @@ class World(world.World):
         m, d, n = self._model, self._data, len(self.robot.joints)
         if not (library := _library()):
             return None
-        step, look = (_address(library, name) for name in ("mj_step", "mj_kinematics"))
+        step, poses = (_address(library, name) for name in ("mj_step", "mj_kinematics"))
         base = np.concatenate(self.base()) if self.robot.fixed_base else np.zeros(0)
         return Handles(
-            step, look, m._address, d._address, d.qpos, d.qvel, d.qfrc_applied, m.dof_frictionloss,
+            step, poses, m._address, d._address, d.qpos, d.qvel, d.qfrc_applied, m.dof_frictionloss,
             d.xfrc_applied, m.geom_friction, d.sensordata, d.xpos, d.xmat, d.xipos, self._q_at,
             self._dq_at, self._at[n:], self._dof[n:], base, d.warning.number[BAD : BAD + 1], QUIET,
             self._fastest, self.params.grf == "mean",
@@ -354,12 +354,12 @@ class World(world.World):
         """The world after `rebuild` as MJCF, with absolute paths of meshes."""
         m, spec = self._model, plan(*self._asked)
         for name, body in self._bodies.items():
-            here = spec.body(body_of(name))
+            element = spec.body(body_of(name))
             at = np.flatnonzero(m.geom_bodyid == body)
-            for geom, i in zip(here.geoms, at, strict=True):
+            for geom, i in zip(element.geoms, at, strict=True):
                 geom.friction, geom.condim = m.geom_friction[i], int(m.geom_condim[i])
                 geom.solref, geom.solimp = m.geom_solref[i], m.geom_solimp[i]
-            for joint in here.joints:
+            for joint in element.joints:
                 joint.solref_limit = joint.solref_friction = 2.0 * self.dt, 1.0
                 joint.solimp_limit = joint.solimp_friction = STOP
         spec.body(body_of(self.description.root_link())).pos = m.body_pos[self._root]

@@ -152,13 +152,13 @@ def lowest_point(model: mujoco.MjModel, data: mujoco.MjData, geom: int) -> Tripl
     turn, size = data.geom_xmat[geom].reshape(3, 3), model.geom_size[geom]
     down = -turn[2]  # in the frame of the shape
     kind, away = model.geom_type[geom], np.sign(down)
-    flat = down[:2] / max(float(np.hypot(*down[:2])), 1e-12)
+    horizontal = down[:2] / max(float(np.hypot(*down[:2])), 1e-12)
     if kind == GEOM.mjGEOM_SPHERE:
         point = size[0] * down
     elif kind == GEOM.mjGEOM_CAPSULE:
         point = size[0] * down + [0.0, 0.0, size[1] * away[2]]
     elif kind == GEOM.mjGEOM_CYLINDER:
-        point = np.array([*(size[0] * flat), size[1] * away[2]])
+        point = np.array([*(size[0] * horizontal), size[1] * away[2]])
     elif kind == GEOM.mjGEOM_ELLIPSOID:
         point = size**2 * down / np.linalg.norm(size * down)
     elif kind == GEOM.mjGEOM_MESH:

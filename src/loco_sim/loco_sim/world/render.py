@@ -60,13 +60,13 @@ def render_gif(
     for i, k in enumerate((0, len(pictures) // 2, len(pictures) - 1)):
         sheet.paste(pictures[k], (0, i * size[1]))
     palette = sheet.quantize(colors=255, method=Image.Quantize.MEDIANCUT)
-    flat = [p.quantize(palette=palette, dither=Image.Dither.NONE) for p in pictures]
+    images = [p.quantize(palette=palette, dither=Image.Dither.NONE) for p in pictures]
     buffer = BytesIO()
-    flat[0].save(
+    images[0].save(
         buffer,
         format="GIF",
         save_all=True,
-        append_images=flat[1:],
+        append_images=images[1:],
         duration=max(10, 10 * round(100.0 / fps)),
         loop=0,
         optimize=False,
@@ -96,11 +96,11 @@ def frames(
         raise ParameterError(f"robot {robot.name!r} has nothing that could be drawn")
     poses = list(zip(position, orientation, q, strict=True))
     stage, middle = camera(figure, size, poses if robot.fixed_base else [])
-    for now in np.arange(t[0], t[-1] + 1e-9, speed / fps):
-        k = min(int(np.searchsorted(t, now - 1e-9)), len(t) - 1)
-        near = np.abs(t - t[k]) <= 0.5 * FOLLOW
+    for instant in np.arange(t[0], t[-1] + 1e-9, speed / fps):
+        k = min(int(np.searchsorted(t, instant - 1e-9)), len(t) - 1)
+        window = np.abs(t - t[k]) <= 0.5 * FOLLOW
         figure.pose(position[k], orientation[k], q[k])
-        centre = position[near].mean(axis=0) if middle is None else middle
+        centre = position[window].mean(axis=0) if middle is None else middle
         yield _labelled(stage.draw(figure, centre), f"t = {t[k]:.2f} s")
 
 
@@ -141,9 +141,9 @@ def _fits(corners: np.ndarray, middle: np.ndarray, scale: float, size: tuple[int
 
 
 def _check(t: np.ndarray, position: np.ndarray, orientation: np.ndarray, q: np.ndarray, n: int):
-    wanted = {"position": (len(t), 3), "orientation": (len(t), 4), "q": (len(t), n)}
+    expected = {"position": (len(t), 3), "orientation": (len(t), 4), "q": (len(t), n)}
     got = {"position": position.shape, "orientation": orientation.shape, "q": q.shape}
-    for name, shape in wanted.items():
+    for name, shape in expected.items():
         if got[name] != shape or len(t) == 0:
             raise ParameterError(f"{name} must have shape {shape}, T > 0, got {got[name]}")
 

@@ -45,11 +45,11 @@ class Terrain:
         if self.kind == "steps":
             tiles = rng.uniform(-1.0, 1.0, (len(y), len(x)))
             row, column = (np.floor((v - v[0]) / self.length).astype(int) for v in (y, x))
-            rough = np.sqrt(3.0) * tiles[np.ix_(row, column)]
+            relief = np.sqrt(3.0) * tiles[np.ix_(row, column)]
         else:
-            rough = _hills(rng, self.length)
-            rough /= rough.std()
-        return self.roughness * rough * np.clip(_beyond(self.flat) / BLEND, 0.0, 1.0)
+            relief = _hills(rng, self.length)
+            relief /= relief.std()
+        return self.roughness * relief * np.clip(_beyond(self.flat) / BLEND, 0.0, 1.0)
 
 
 @dataclass(frozen=True)

@@ -192,8 +192,8 @@ class World(Setting, ABC):
             self._raise(self.base().position[2] - self._lowest_foot())
             self._place(q)
         if self.hinges:
-            mass, _, _, bent = self._mass_matrix(q)
-            self._hung = hinges.inertia(mass, bent)
+            mass, _, _, hinge_rows = self._mass_matrix(q)
+            self._hung = hinges.inertia(mass, hinge_rows)
 
     def _raise(self, height: float) -> None:
         """Change the height of the base right after `_load` [m]."""
@@ -212,8 +212,8 @@ class World(Setting, ABC):
         Args:
             q: Joint positions [rad], (n,).
         """
-        mass, own, base, bent = self._mass_matrix(q)
-        return hinges.felt(mass, own, [*base, *bent])
+        mass, joint_rows, base, hinge_rows = self._mass_matrix(q)
+        return hinges.felt(mass, joint_rows, [*base, *hinge_rows])
 
     def _given(self) -> Description:
         """The robot description for the engine."""

@@ -207,9 +207,9 @@ def _prefixes() -> list[str]:
 
 
 def _packages() -> list[str]:
-    bundled = {name.partition("/")[0] for name in _standard()} | {_OURS.name}
+    included = {name.partition("/")[0] for name in _standard()} | {_OURS.name}
     installed = {p.parent.name for prefix in _prefixes() for p in Path(prefix).glob("share/*/msg")}
-    return sorted(bundled | installed)
+    return sorted(included | installed)
 
 
 # ---- hashes ---------------------------------------------------------------------------------

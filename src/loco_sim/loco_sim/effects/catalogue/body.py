@@ -41,8 +41,8 @@ def carrier(world: Any, link: str) -> str:
 
 def reached(robot: Any) -> list[tuple[str, tuple[float, ...]]]:
     """Links for external forces: all moving links if the base is fixed, else the base."""
-    found = links(robot)
-    return found if robot.fixed_base else found[:1]
+    candidates = links(robot)
+    return candidates if robot.fixed_base else candidates[:1]
 
 
 @dataclass
@@ -83,9 +83,9 @@ class Payload(Effect, name="payload"):
         for link, com in links(robot):
             mass = strength(cls, "mass", size)
             if link == trunk:
-                far = max(ROOM * text.extent(link), *map(abs, com))
+                span = max(ROOM * text.extent(link), *map(abs, com))
                 at = (
-                    Coordinate("position", far, (c / far,), -far, far, "m", direction=tuple(a))
+                    Coordinate("position", span, (c / span,), -span, span, "m", direction=tuple(a))
                     for c, a in zip(com, AXES, strict=True)
                 )
                 rows.append(Offer(link, (("link", link),), (mass, *at)))
@@ -251,11 +251,11 @@ class CableForce(Effect, name="cable_force"):
     @classmethod
     def offers(cls, robot: Any, signals: Sequence[str], hints: Hints) -> list[Offer]:
         """From each link, or the base, to anchors ahead, behind and above."""
-        rows, ways = [], ((1.0, 0.0, 0.3), (-1.0, 0.0, 0.3), (0.0, 0.0, 1.0))
+        rows, directions = [], ((1.0, 0.0, 0.3), (-1.0, 0.0, 0.3), (0.0, 0.0, 1.0))
         free = strength(cls, "stiffness", 20.0), logarithmic(cls, "length", (0.8,))
         height = 0.5 if robot.height is None else robot.height
-        for way, (link, com) in product(ways, reached(robot)):
-            anchor = [float(v) for v in np.array([0.0, 0.0, height]) + way]
+        for direction, (link, com) in product(directions, reached(robot)):
+            anchor = [float(v) for v in np.array([0.0, 0.0, height]) + direction]
             fixed = (("link", link), ("point", list(com)), ("anchor", anchor))
             rows.append(Offer(link, fixed, free, f"to {anchor[0]:g} {anchor[2]:g}"))
         return rows
@@ -272,8 +272,8 @@ class CableForce(Effect, name="cable_force"):
     def _reach(self, world: Any) -> tuple[Any, list[float], float]:
         """Attachment point, vector from there to the anchor, and its length, world frame [m]."""
         at = world.place(self._link, self.point)
-        way = [anchor - x for anchor, x in zip(self.anchor, at, strict=True)]
-        return at, way, sqrt(added(w * w for w in way))
+        to_anchor = [anchor - x for anchor, x in zip(self.anchor, at, strict=True)]
+        return at, to_anchor, sqrt(added(w * w for w in to_anchor))
 
     def pull(self) -> Pull:
         cable = {"anchor": self.anchor, "stiffness": self.stiffness, "length": self.length}

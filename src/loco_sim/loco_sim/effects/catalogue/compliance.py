@@ -48,9 +48,9 @@ class Elastic(TorqueEffect):
 
     def energy(self, q: np.ndarray, dq: np.ndarray) -> float:
         zero, slack = np.zeros(len(q)), self._slack
-        way = np.linspace(0.0, 1.0, 101)
-        tau = [self._alone.torque(zero, slack + s * (q - slack), zero, self._dt, 0.0) for s in way]
-        return -float(np.trapezoid(tau, way, axis=0) @ (q - slack))
+        grid = np.linspace(0.0, 1.0, 101)
+        tau = [self._alone.torque(zero, slack + s * (q - slack), zero, self._dt, 0.0) for s in grid]
+        return -float(np.trapezoid(tau, grid, axis=0) @ (q - slack))
 
     def configure(self, world: Any) -> None:
         super().configure(world)
@@ -230,11 +230,11 @@ class EndStop(Elastic, name="end_stop"):
         free = strength(cls, "stiffness", 20.0), logarithmic(cls, "damping", (0.1,))
         for j, joint in enumerate(robot.joints):
             edges = {"above": hints.high[j] - slack[j], "below": hints.low[j] - slack[j]}
-            for side, edge in edges.items():
-                if not np.isfinite(edge) or abs(edge) < 1e-3 or (edge > 0) != (side == "above"):
+            for side, limit in edges.items():
+                if not np.isfinite(limit) or abs(limit) < 1e-3 or (limit > 0) != (side == "above"):
                     continue
-                ends = sorted((0.05 * edge, 1.3 * edge))
-                angle = within(cls, "angle", float(edge), (0.9, 0.7, 0.98), *map(float, ends))
+                interval = sorted((0.05 * limit, 1.3 * limit))
+                angle = within(cls, "angle", float(limit), (0.9, 0.7, 0.98), *map(float, interval))
                 if angle:  # a joint without limits has no stop
                     rows.append(Offer(joint, (("joint", joint),), (free[0], angle, free[1]), side))
         return rows

@@ -34,9 +34,9 @@ def feet(robot: Any, pattern: str) -> list[str]:
     Raises:
         NameUnknownError: The name or pattern matches no foot.
     """
-    if not (known := named(robot.feet, pattern)):
+    if not (selected := named(robot.feet, pattern)):
         raise NameUnknownError("foot", pattern, robot.feet)
-    return known
+    return selected
 
 
 def named(feet: Iterable[str], pattern: str) -> list[str]:
@@ -196,12 +196,12 @@ class GroundCompliance(Giving, name="ground_compliance"):
         return under_feet(plain(cls, ""), robot)
 
     def depth(self, load: Mapping[str, np.ndarray], dt: float) -> dict[str, np.ndarray]:
-        found = {}
-        slow = 1.0 - np.exp(-dt / max(self.compliance * self.damping, 1e-9))
+        depths = {}
+        share = 1.0 - np.exp(-dt / max(self.compliance * self.damping, 1e-9))
         for foot in named(load, self.foot):
-            depth = reading_laws.followed(self.compliance * load[foot], slow)
-            found[foot] = np.where(load[foot] > 0.0, depth, 0.0)
-        return found
+            depth = reading_laws.followed(self.compliance * load[foot], share)
+            depths[foot] = np.where(load[foot] > 0.0, depth, 0.0)
+        return depths
 
     def configure(self, world: Any) -> None:
         self.require(world.robot)
@@ -358,8 +358,8 @@ class Slope(Measuring, Effect, name="slope"):
 
     def turn(self) -> Quaternion:
         """Attitude of the ground, x y z w."""
-        half, side = -0.5 * self.pitch, 0.5 * self.roll
-        return multiply((0.0, sin(half), 0.0, cos(half)), (sin(side), 0.0, 0.0, cos(side)))
+        tilt, side = -0.5 * self.pitch, 0.5 * self.roll
+        return multiply((0.0, sin(tilt), 0.0, cos(tilt)), (sin(side), 0.0, 0.0, cos(side)))
 
     def begin(self, base: Base) -> Base:
         x, y, z, w = self.turn()

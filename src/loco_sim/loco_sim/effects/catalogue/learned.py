@@ -55,5 +55,5 @@ class LearnedResidual(TorqueEffect, name="learned_residual"):
     def constants(self, world: Any, joints: Any) -> Sequence[Any]:
         limit = world.robot.effort[joints]
         keep = math.exp(-world.dt / self.time)
-        seen = self.middle, self.travel, self.speed, self.load, self.load_range
-        return *seen, limit, keep, *self.weights
+        scales = self.middle, self.travel, self.speed, self.load, self.load_range
+        return *scales, limit, keep, *self.weights

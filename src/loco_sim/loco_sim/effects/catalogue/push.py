@@ -66,14 +66,14 @@ class Push(Effect, name="push"):
         """On each link, or the base, during the intervals of large residuals."""
         rows = []
         for (start, stop), (link, com) in product(hints.intervals, reached(robot)):
-            half = 0.5 * (stop - start)
-            near = half + 0.2  # farther away it is another push
+            half_duration = 0.5 * (stop - start)
+            margin = half_duration + 0.2  # farther away it is another push
             ranges = (  # residuals continue after the push
-                ("start", (start,), max(0.0, start - near)),
-                ("stop", (stop, start + half), start),
+                ("start", (start,), max(0.0, start - margin)),
+                ("stop", (stop, start + half_duration), start),
             )
             times = tuple(
-                Coordinate(name, 0.1, tuple(t / 0.1 for t in at), low, at[0] + near, "s")
+                Coordinate(name, 0.1, tuple(t / 0.1 for t in at), low, at[0] + margin, "s")
                 for name, at, low in ranges
             )
             fixed = (("link", link), ("point", list(com)))

@@ -206,9 +206,9 @@ class SensorNonlinearity(JointSensor, name="sensor_nonlinearity"):
         return [Offer(j, (("joint", j),), free) for j in cls.places(robot)]
 
     def measure(self, values: np.ndarray, at: Layout, t: float) -> None:
-        bent = self.quadratic, self.cubic
+        coefficients = self.quadratic, self.cubic
         rows = values.reshape(-1, at.size)  # one or many samples
-        reading_laws.bend(rows, self._joints, at.n, self._rest, *bent)
+        reading_laws.bend(rows, self._joints, at.n, self._rest, *coefficients)
 
 
 @dataclass
@@ -281,22 +281,22 @@ class SensorLatency(Measuring, Effect, name="sensor_latency"):
         if self.channel == "all":
             self._read(values, at, t)
         else:
-            late, here = values.copy(), at[self.channel]
+            late, columns = values.copy(), at[self.channel]
             self._read(late, at, t)
-            values[here] = late[here]
+            values[columns] = late[columns]
 
     def _read(self, values: np.ndarray, at: Layout, t: float) -> None:
         """Replace values by their delayed values."""
-        past, wanted = self._past, t - self.delay
+        past, target_time = self._past, t - self.delay
         past.append((t, values.copy()))
-        while len(past) > 1 and past[1][0] <= wanted + 1e-9:
+        while len(past) > 1 and past[1][0] <= target_time + 1e-9:
             past.popleft()
         began, old = past[0]
-        if wanted <= began or len(past) == 1:
+        if target_time <= began or len(past) == 1:
             values[:] = old
             return
-        ended, new = past[1]
-        share = (wanted - began) / (ended - began)
+        next_time, new = past[1]
+        share = (target_time - began) / (next_time - began)
         if share > 1e-6:
             reading_laws.between(values, old, new, share, at["orientation"].start)
         else:
