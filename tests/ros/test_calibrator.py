@@ -107,6 +107,11 @@ def test_every_mistake_in_a_goal_is_one_clear_line(caller, tmp_path):
         ({"bag": "/etc/hosts"}, "bag '/etc/hosts' is not below"),
         ({"measured": "/x", "robot": "../tiger/robot.yaml"}, "is not below"),
         ({"measured": "/x", "duration": -1.0}, "duration must be in (0, 10000] s"),
+        *(
+            ({"measured": name}, "a namespace has letters, digits and _")
+            for name in ("..", "/1x", "a//b", "a b", "~", "é", "x/" + "y" * 300)
+        ),
+        ({"bag": str(tmp_path), "model": "/{x}"}, "a namespace has letters, digits and _"),
     ]
     for goal, text in goals:
         status, result = caller.result(caller.send(**goal))
@@ -116,6 +121,15 @@ def test_every_mistake_in_a_goal_is_one_clear_line(caller, tmp_path):
         assert result.model_yaml == ""
         caller.bench.wait(lambda message=result.message: caller.states[-1].text == message)
         assert caller.states[-1].phase == "failed"
+
+
+def test_whatever_goes_wrong_while_a_goal_waits_ends_the_goal_and_not_the_node(caller):
+    caller.bench.node.count_publishers = lambda name: 1 / 0
+    status, result = caller.result(caller.send(measured="/x"))
+    assert (status, result.message) == (GoalStatus.STATUS_ABORTED, "the goal cannot be run")
+    del caller.bench.node.count_publishers
+    status, result = caller.result(caller.send(measured="/x"))
+    assert "nobody publishes /x/joint_states" in result.message
 
 
 def test_a_bag_is_fitted_with_feedback_and_a_result(caller, bag):

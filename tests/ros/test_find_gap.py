@@ -99,6 +99,7 @@ def test_every_mistake_in_a_goal_is_one_clear_line(caller, tmp_path):
         ({"bags": [str(tmp_path / "none")]}, "there is no recording at"),
         ({"measured": "/nobody", "robot": "pendulum"}, "nobody publishes /nobody/joint_states"),
         ({"measured": "/x", "robot": "tiger"}, "tigrillo"),
+        ({"measured": "/1x", "robot": "pendulum"}, "a namespace has letters, digits and _"),
         ({"measured": "/x", "effects": ["magic"]}, "no effect named 'magic'"),
         ({"measured": "/x", "duration": float("nan")}, "duration must be in (0, 10000] s"),
         ({"bags": ["/etc/os-release"]}, "recording '/etc/os-release' is not below"),

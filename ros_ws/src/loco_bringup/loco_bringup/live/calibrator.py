@@ -18,7 +18,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
-from rclpy.action import ActionServer, CancelResponse, GoalResponse
+from rclpy.action import ActionServer, CancelResponse
 from rclpy.task import Future
 
 from loco_control.exceptions import GraphError, LocoError, ParameterError
@@ -39,7 +39,7 @@ from loco_sim.robot.robot import Robot, is_name
 
 from .calibration_goal import Job
 from .gap_goal import Find, GapSearchJob, find
-from .robot import STATES, LiveRobot, robots, topic
+from .robot import STATES, LiveRobot, check_namespace, robots, topic
 
 LONGEST = 1e4  # longest simulated listening time of a goal [s]
 _POLL = 0.05  # polling period, wall time [s]
@@ -73,33 +73,24 @@ class CalibratorNode(LocoNode):
         self.listen = declare(self, ListenParams(), "listen.")
         self._folders = self.declare_parameter("folders", list(FOLDERS)).value
         self.options = declare(self, CalibrationParams(), "calibration.")
-        self._state, self._gap = self.output("calibration"), self.output("gap")
-        self._search = self.output("gap_search")
+        outputs = map(self.output, ("calibration", "gap", "gap_search"))
+        self._state, self._gap, self._search = outputs
         self.state, self.search = CalibrationState(phase="idle"), GapSearch(phase="idle")
         self.measured: LiveRobot | None = None
         self.model: LiveRobot | None = None
         self._meter: GapMeter | None = None
-        self._awaited: tuple[Callable[[], bool], Future] | None = None
+        self._awaited: Future | None = None  # done at the next check
         self._job: Job | GapSearchJob | None = None
         # An ActionServer works in the EventsExecutor of rclpy 7.1: a goal is accepted within
         # 2 ms, a cancel request within 2 ms, also while `execute` waits for a future. Blocking
         # calls must not run in it, since the executor has one thread.
-        self._server = ActionServer(
-            self,
-            Calibrate,
-            "calibrate",
-            execute_callback=self._execute,
-            goal_callback=lambda goal: GoalResponse.ACCEPT,
-            cancel_callback=lambda handle: CancelResponse.ACCEPT,
-        )
-        self._gap_server = ActionServer(
-            self,
-            FindGap,
-            "find_gap",
-            execute_callback=self._execute_search,
-            goal_callback=lambda goal: GoalResponse.ACCEPT,
-            cancel_callback=lambda handle: CancelResponse.ACCEPT,
-        )
+        self._servers = [
+            ActionServer(self, kind, name, execute, cancel_callback=lambda h: CancelResponse.ACCEPT)
+            for kind, name, execute in (
+                (Calibrate, "calibrate", self._execute),
+                (FindGap, "find_gap", self._execute_search),
+            )
+        ]
         self.create_timer(_POLL, self._look)
         self.announce_ready()
 
@@ -171,16 +162,18 @@ class CalibratorNode(LocoNode):
         return goal.duration or self.listen.duration
 
     async def until(self, condition: Callable[[], bool]) -> None:
-        """Wait until a condition holds; it is checked 20 times per second."""
-        future = Future(executor=self.executor)
-        self._awaited = condition, future
-        await future
+        """Wait until a condition holds; the goal checks it 20 times per second."""
+        waiting = True
+        while waiting:
+            self._awaited = Future(executor=self.executor)
+            await self._awaited
+            waiting = not condition()
 
     def _look(self) -> None:
         if self._meter:
             self._measure_gap()
-        if self._awaited and self._awaited[0]():
-            future, self._awaited = self._awaited[1], None
+        if self._awaited:
+            future, self._awaited = self._awaited, None
             future.set_result(None)
 
     def tell(self, phase: str, text: str = "") -> None:
@@ -209,15 +202,16 @@ class CalibratorNode(LocoNode):
 
         Raises:
             GraphError: There is no publisher of joint states in a namespace.
+            ParameterError: A name is no valid namespace.
         """
         self._disconnect()
         for namespace in filter(None, (measured, model)):
+            check_namespace(namespace)
             await self._wait_for(namespace)
-        skip = self.listen.skip
         if measured:
-            self.measured = LiveRobot(self, measured, robot, span, skip)
+            self.measured = LiveRobot(self, measured, robot, span, self.listen.skip)
         if model:
-            self.model = LiveRobot(self, model, robot, span, skip)
+            self.model = LiveRobot(self, model, robot, span, self.listen.skip)
         if measured and model:
             signals = self.measured.signals, self.model.signals
             rate, window = robot.control_rate, self.options.window
@@ -231,9 +225,8 @@ class CalibratorNode(LocoNode):
             raise GraphError(f"nobody publishes {name}; there are robots in {namespaces}")
 
     def _disconnect(self) -> None:
-        for robot in (self.measured, self.model):
-            if robot:
-                robot.close()
+        for robot in filter(None, (self.measured, self.model)):
+            robot.close()
         self.measured = self.model = self._meter = None
 
     def _measure_gap(self) -> None:
@@ -256,8 +249,8 @@ class CalibratorNode(LocoNode):
         if self._job:
             self._job.close()
         self._disconnect()
-        self._server.destroy()
-        self._gap_server.destroy()
+        for server in self._servers:
+            server.destroy()
 
 
 def main(args: list[str] | None = None) -> None:

@@ -7,10 +7,12 @@ import time
 from collections.abc import Callable
 from typing import Any
 
+from rclpy.exceptions import InvalidTopicNameException
 from rclpy.node import Node
+from rclpy.validate_full_topic_name import validate_full_topic_name
 from std_msgs.msg import String
 
-from loco_control.exceptions import GraphError, LocoError, ParameterError
+from loco_control.exceptions import GraphError, LocoError, ParameterError, shown
 from loco_control.ros.messages.joint_codec import FRAME, JointCodec
 from loco_control.ros.messages.joint_topics import JOINT_TOPICS
 from loco_learning.calibration.live import Signals
@@ -124,8 +126,21 @@ def topic(namespace: str, name: str) -> str:
     return "/" + "/".join(part for part in (namespace.strip("/"), name) if part)
 
 
+def check_namespace(namespace: str) -> None:
+    """Refuse an invalid namespace.
+
+    Raises:
+        ParameterError: It has characters or a length that ROS does not allow.
+    """
+    try:
+        validate_full_topic_name(topic(namespace, STATES))
+    except InvalidTopicNameException:
+        raise ParameterError(
+            f"a namespace has letters, digits and _ between its /, got {shown(namespace)}"
+        ) from None
+
+
 def robots(node: Node) -> list[str]:
     """Namespaces with a publisher of joint states."""
-    names = [name for name, _ in node.get_topic_names_and_types()]
-    states = [name for name in names if name.rsplit("/", 1)[-1] == STATES]
+    states = [n for n, _ in node.get_topic_names_and_types() if n.rsplit("/", 1)[-1] == STATES]
     return sorted(name[: -len(STATES) - 1] or "/" for name in states if node.count_publishers(name))
