@@ -40,9 +40,8 @@ def test_commands_lead_from_a_simulated_bus_to_a_recording_that_can_be_searched(
     with open(tmp_path / "log", "w") as log:
         bus = subprocess.Popen([*LOCO, *serve], cwd=tmp_path, stdout=log, stderr=log)
     try:
-        end = time.monotonic() + 60.0
         while not wiring.exists() or not wiring.read_text():
-            assert bus.poll() is None and time.monotonic() < end, (tmp_path / "log").read_text()
+            assert bus.poll() is None, (tmp_path / "log").read_text()
             time.sleep(0.1)
         # A machine that runs tests may leave the bus without time.
         wiring.write_text(wiring.read_text().replace("bus:", "bus:\n  missing: 200", 1))
@@ -50,7 +49,7 @@ def test_commands_lead_from_a_simulated_bus_to_a_recording_that_can_be_searched(
             short = ["--set", "duration=2.0"] if "servo_pendulum_sine" in words else []
             call = [*LOCO, *words, *short]
             done = subprocess.run(
-                call, cwd=tmp_path, env=os.environ, capture_output=True, text=True, timeout=120
+                call, cwd=tmp_path, env=os.environ, capture_output=True, text=True
             )
             assert done.returncode == 0, (words, done.stdout, done.stderr)
     finally:

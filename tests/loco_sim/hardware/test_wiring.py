@@ -18,7 +18,21 @@ def test_entries_are_joined_by_pattern(tmp_path):
     text = "bus: {baud: 57600}\nservos:\n  '*': {current: 2.0, sign: -1}\n  pivot: {id: 7}"
     wired = load(tmp_path, text)
     (servo,) = wired.servos
+    later = load(tmp_path, text + "\n  p*: {current: 3.0}").servos[0]
+    assert (later.id, later.sign, later.current) == (7, -1, 3.0)
     assert (wired.bus.baud, servo.id, servo.sign, servo.current) == (57600, 7, -1, 2.0)
+
+
+def test_servos_are_in_the_order_of_the_robot_and_the_port_may_be_another(tmp_path, quadruped):
+    path = quadruped("a1", fixed_base=True, drives={"*": {"kind": "servo"}})
+    robot = robots.load(path)
+    numbers = {joint: 100 + i for i, joint in enumerate(robot.joints)}
+    entries = "".join(f"  {j}: {{id: {n}}}\n" for j, n in reversed(numbers.items()))
+    file = tmp_path / "servos.yaml"
+    file.write_text(f"bus: {{port: /dev/ttyA}}\nservos:\n{entries}")
+    wired = wiring.load(file, robot, "/dev/ttyB")
+    assert [servo.id for servo in wired.servos] == list(numbers.values())
+    assert wired.bus.port == "/dev/ttyB" and wiring.load(file, robot).bus.port == "/dev/ttyA"
 
 
 @pytest.mark.parametrize(

@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 from dynamixel_sdk import COMM_SUCCESS, PacketHandler, PortHandler
+from dynamixel_sdk.protocol2_packet_handler import PKT_ERROR, PKT_ID, PKT_PARAMETER0
 
 from loco_control.exceptions import GraphError
 from loco_control.types import GroundTruth, RobotState
@@ -35,9 +36,10 @@ _LEVEL = np.array([0.0, 0.0, 0.0, 1.0])
 class _Port(PortHandler):
     """The SDK's port with its own time-out, which waits for bytes without using processor time."""
 
-    def __init__(self, bus: BusParams):
+    def __init__(self, bus: BusParams, clock: Callable[[], float]):
         super().__init__(bus.port)
         self.baudrate, self._latency = bus.baud, bus.latency
+        self._clock, self._overdue = clock, False
         try:
             self.openPort()
             self.ser.exclusive = True
@@ -52,8 +54,17 @@ class _Port(PortHandler):
         """Start the time-out for the answer to a packet of a length [bytes]."""
         self.setPacketTimeoutMillis(self.tx_time_per_byte * packet_length + 1e3 * self._latency)
 
+    def getCurrentTime(self) -> float:
+        """Time [ms] of a clock that nobody can set."""
+        return 1e3 * self._clock()
+
+    def isPacketTimeout(self) -> bool:
+        """Whether the time-out had passed before the last read began."""
+        return self._overdue
+
     def readPort(self, length: int) -> bytes:
-        """Received bytes, at most `length`."""
+        """Received bytes, at most `length`; they count however late they are read."""
+        self._overdue = super().isPacketTimeout()
         return self._responds(self.ser.read, length)
 
     def writePort(self, packet: list[int]) -> int:
@@ -68,6 +79,7 @@ class _Port(PortHandler):
         try:
             return function(*arguments)
         except (OSError, termios.error) as error:
+            self.is_using = False  # or no later packet would be sent, torque off included
             raise GraphError(f"bus {self.port_name} is gone: {error}") from None
 
 
@@ -79,12 +91,14 @@ class ServoRobot:
     Args:
         wiring: Bus and servos.
         robot: Robot driven by the servos.
+        clock: Clock of all time-outs [s].
 
     Attributes:
         robot: The robot.
         fallen: Always None: servos cannot detect a fall.
         rejected: Number of commands refused because they were not finite.
-        fault: Reason of the newest reading to stop the robot, "" if there is none.
+        fault: Reason of the newest reading to stop the robot, or of a failure to switch the torque
+            on since the reading before; "" if there is none.
         lost: Number of missing or damaged answers.
         clipped: Number of commands beyond one turn of a servo.
 
@@ -94,23 +108,27 @@ class ServoRobot:
 
     fallen = None
 
-    def __init__(self, wiring: Wiring, robot: Robot):
-        self.robot, self._bus, self._servos = robot, wiring.bus, wiring.servos
+    def __init__(self, wiring: Wiring, robot: Robot, clock: Callable[[], float] = time.monotonic):
+        self.robot, self._bus, self._clock = robot, wiring.bus, clock
         self._ids = [s.id for s in wiring.servos]
         self._sign, self._zero, most, unit, per_ampere = np.array(
-            [(s.sign, s.zero, s.current, s.current_unit, s.torque_per_ampere) for s in self._servos]
+            [
+                (s.sign, s.zero, s.current, s.current_unit, s.torque_per_ampere)
+                for s in wiring.servos
+            ]
         ).T
         self._torque_unit = self._sign * unit * per_ampere  # torque of one count of current [N·m]
         most = np.minimum(most, np.array(robot.effort) / per_ampere)
         self._max_tries = np.maximum(np.floor(most / unit), 1.0)  # counts of current
-        drives = [robot.drives[j] for j in robot.joints]
-        self._pure = np.array([isinstance(d, TorqueDrive) for d in drives])
+        self._pure = np.array([isinstance(robot.drives[j], TorqueDrive) for j in robot.joints])
         self.rejected = self.lost = self.clipped = 0
-        self.fault, self._on, self._spoke = "", False, 0.0
-        self._missed = np.zeros(len(self._ids), dtype=int)
+        self.fault, self._failed, self._on = "", "", False
+        self._watchdog = max(1, int(self._bus.watchdog / p.WATCHDOG_UNIT))  # counts
+        self._heard = np.zeros(len(self._ids))  # time of the last answer of each servo [s]
+        self._missed = np.ones(len(self._ids), dtype=int)
         self._counts = np.zeros((3, len(self._ids)))  # current, velocity, position
         self._handler = PacketHandler(2.0)
-        self._port = _Port(wiring.bus)
+        self._port = _Port(wiring.bus, clock)
         try:
             self._prepare()
         except BaseException:
@@ -144,9 +162,8 @@ class ServoRobot:
             self._set(servo, p.TORQUE_ENABLE, 0, _FIRST)
             mode = p.CURRENT_MODE if pure else p.POSITION_MODE
             self._set(servo, p.OPERATING_MODE, mode, _FIRST)
-        end = time.monotonic() + _FIRST
-        self.measure(0, 0.0)
-        while self._missed.any() and time.monotonic() < end:
+        end = self._clock() + _FIRST
+        while self._missed.any() and self._clock() < end:
             self.measure(0, 0.0)
         if self._missed.any():
             first = self._ids[int(np.argmax(self._missed))]
@@ -154,18 +171,13 @@ class ServoRobot:
 
     def _set(self, servo: int, register: Register, value: int, patience: float = _TRY) -> None:
         """Write a register and wait for the acknowledgement, at most `patience` [s]."""
-        write = {
-            1: self._handler.write1ByteTxRx,
-            2: self._handler.write2ByteTxRx,
-            4: self._handler.write4ByteTxRx,
-        }[register.size]
-        end = time.monotonic() + patience
+        write = getattr(self._handler, f"write{register.size}ByteTxRx")
+        end = self._clock() + patience
         while True:
             result, error = write(self._port, servo, register.address, value)
-            self._spoke = time.monotonic()
             if result == COMM_SUCCESS and not error & ~p.ALERT:
                 return
-            if self._spoke > end:
+            if self._clock() > end:
                 break
         name = self._name(servo)
         if result == COMM_SUCCESS:
@@ -190,39 +202,52 @@ class ServoRobot:
         Returns:
             The state; forces and attitude are those of a fixed base at rest.
         """
-        self.fault = ""
-        register, port = p.PRESENT, self._port
-        self._handler.syncReadTx(port, *register, self._ids, len(self._ids), False)
+        self.fault, self._failed = self._failed, ""
+        began, answers = self._clock(), self._answers()
         for i, servo in enumerate(self._ids):
-            data, result, error = self._handler.readRx(port, servo, register.size)
-            good = result == COMM_SUCCESS and len(data) == register.size
-            self._missed[i] = 0 if good else self._missed[i] + 1
-            if good:
-                self._take(i, bytes(data), error)
+            self._missed[i] = 0 if servo in answers else self._missed[i] + 1
+            if servo in answers:
+                self._on = self._on and not self._expired(i)
+                self._heard[i] = began
+                self._take(i, *answers[servo])
             else:
                 self.lost += 1
                 if self._missed[i] >= self._bus.missing:
                     self.fault = f"{self._name(servo)} does not answer"
-        self._spoke = time.monotonic()
         q = self._sign * (self._counts[2] - self._zero) * TURN
         dq = self._sign * self._counts[1] * p.VELOCITY_UNIT
         tau, feet = self._torque_unit * self._counts[0], len(self.robot.feet)
         rest = np.zeros(3), np.array([0.0, 0.0, GRAVITY]), np.zeros(feet, dtype=bool)
         return RobotState(tick, t, q, dq, tau, np.zeros((feet, 3)), _LEVEL, *rest)
 
+    def _answers(self) -> dict[int, tuple[bytes, int]]:
+        """Data and error by servo number of all that answer one sync read, in any order."""
+        size, answers = p.PRESENT.size, {}
+        self._handler.syncReadTx(self._port, *p.PRESENT, self._ids, len(self._ids), False)
+        while len(answers) < len(self._ids):
+            packet, result = self._handler.rxPacket(self._port, False)
+            data = bytes(packet[PKT_PARAMETER0 + 1 :][:size])
+            if result == COMM_SUCCESS and len(data) == size:
+                answers[packet[PKT_ID]] = data, packet[PKT_ERROR]
+            elif self._port.isPacketTimeout():
+                break
+        return answers
+
+    def _expired(self, i: int) -> bool:
+        """Whether the watchdog of a servo may have expired, so that it ignores goals."""
+        return bool(self._clock() - self._heard[i] > self._watchdog * p.WATCHDOG_UNIT)
+
     def _take(self, i: int, data: bytes, error: int) -> None:
         """Store the answer of one servo."""
         start = p.PRESENT.address
         for row, register in enumerate((p.PRESENT_CURRENT, p.PRESENT_VELOCITY, p.PRESENT_POSITION)):
-            at = register.address - start
-            value = data[at : at + register.size]
+            value = data[register.address - start :][: register.size]
             self._counts[row, i] = int.from_bytes(value, "little", signed=True)
         temperature, name = data[p.PRESENT_TEMPERATURE.address - start], self._name(self._ids[i])
         if error & p.ALERT:
             self.fault = f"{name} reports {self._alarm(self._ids[i])}"
         elif temperature > self._bus.temperature:
-            most = self._bus.temperature
-            self.fault = f"{name} is at {temperature} degC, more than {most:g}"
+            self.fault = f"{name} is at {temperature} degC, more than {self._bus.temperature:g}"
 
     def _alarm(self, servo: int) -> str:
         value, result, _ = self._handler.read1ByteTxRx(self._port, servo, p.HARDWARE_ERROR.address)
@@ -240,7 +265,7 @@ class ServoRobot:
         if not (np.isfinite(q).all() and np.isfinite(tau).all()):
             self.rejected += 1
             return
-        if not self._on or time.monotonic() - self._spoke > self._bus.watchdog:
+        if not self._on:
             self._enable()
         counts = np.round(self._zero + self._sign * q / TURN)
         inside = np.clip(counts, 0, COUNTS - 1)
@@ -251,16 +276,18 @@ class ServoRobot:
 
     def _enable(self) -> None:
         """Torque on, at rest; clears expired watchdogs."""
-        self._on = True
         try:
             for servo, most, pure in zip(self._ids, self._max_tries, self._pure, strict=True):
                 self._set(servo, p.BUS_WATCHDOG, 0)
                 self._set(servo, p.GOAL_CURRENT, 0 if pure else int(most))
                 self._set(servo, p.TORQUE_ENABLE, 1)
-                self._set(servo, p.BUS_WATCHDOG, max(1, int(self._bus.watchdog / 0.02)))
+                began = self._clock()
+                self._set(servo, p.BUS_WATCHDOG, self._watchdog)
         except GraphError as error:
             self.limp()
-            self.fault = str(error)
+            self.fault = self._failed = str(error)
+        else:
+            self._on, self._heard[:] = True, began  # a packet reaches every servo
 
     def limp(self) -> None:
         """Torque off; sent at every call, since it is not acknowledged."""
@@ -274,7 +301,6 @@ class ServoRobot:
             told += [int(servo), *int(value).to_bytes(register.size, "little", signed=True)]
         if told:
             self._handler.syncWriteTxOnly(self._port, *register, told, len(told))
-            self._spoke = time.monotonic()
 
     def close(self) -> None:
         """Torque off, then free the port; calling again does nothing."""

@@ -10,7 +10,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 HEADER = b"\xff\xff\xfd\x00"
-PING, READ, WRITE, STATUS, SYNC_READ, SYNC_WRITE = 0x01, 0x02, 0x03, 0x55, 0x82, 0x83
+READ, WRITE, STATUS, SYNC_READ, SYNC_WRITE = 0x02, 0x03, 0x55, 0x82, 0x83
 BROADCAST = 0xFE
 ALERT = 0x80  # bit of the error byte of a status packet: hardware error
 BAD_CRC, BAD_RANGE, BAD_ACCESS = 0x03, 0x04, 0x07  # errors of an instruction
@@ -24,12 +24,10 @@ class Register(NamedTuple):
     size: int  # [bytes]
 
 
-MODEL_NUMBER = Register(0, 2)
 OPERATING_MODE = Register(11, 1)  # 0 current, 5 position with a limit of current
-CURRENT_LIMIT = Register(38, 2)
 TORQUE_ENABLE = Register(64, 1)
 HARDWARE_ERROR = Register(70, 1)
-BUS_WATCHDOG = Register(98, 1)  # [20 ms]; 255 once it has expired
+BUS_WATCHDOG = Register(98, 1)  # counts of WATCHDOG_UNIT; EXPIRED once it has expired
 GOAL_CURRENT = Register(102, 2)
 GOAL_POSITION = Register(116, 4)
 PRESENT = Register(126, 21)  # the following registers in one block
@@ -37,6 +35,7 @@ PRESENT_CURRENT = Register(126, 2)
 PRESENT_VELOCITY = Register(128, 4)
 PRESENT_POSITION = Register(132, 4)
 PRESENT_TEMPERATURE = Register(146, 1)
+WATCHDOG_UNIT, EXPIRED = 0.02, 255  # [s]; value
 VELOCITY_UNIT = 0.229 * 2.0 * 3.141592653589793 / 60.0  # velocity of a count [rad/s]
 ERRORS = {
     0x01: "input voltage",

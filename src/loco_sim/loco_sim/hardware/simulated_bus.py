@@ -4,6 +4,9 @@
 The servos act on the simulated robot with the requested effects, so that a driver and its
 controllers can be tested without hardware. Transmission takes no time, and temperature rises only
 as a fault.
+
+The bus has its own clock. It follows the wall clock as far as the processor allows, and advances by
+at most a few milliseconds between two reads of the line.
 """
 
 from __future__ import annotations
@@ -29,10 +32,9 @@ from .wiring import TURN, JointServo, Wiring
 
 _MEMORY = 256  # memory of a servo [bytes]
 _EEPROM = 64  # registers below are locked while the torque is on
-_CHECK_PERIOD = 0.005  # longest wait between two steps of the simulation [s]
+_CHECK_PERIOD = 0.005  # most time of the bus between two reads of the line [s]
 _LAG = 0.1  # a longer standstill of the host is not made up [s]
 _WARM, _HOT = 35, 85  # [degC]
-_MODEL = 1020  # XM430-W350
 _OVERHEATING = 0x04
 
 
@@ -40,9 +42,7 @@ class _Servo:
     """Memory of one servo."""
 
     def __init__(self, wired: JointServo):
-        self.wired, self.memory = wired, bytearray(_MEMORY)
-        self.silent = False
-        self.put(p.MODEL_NUMBER, _MODEL)
+        self.wired, self.memory, self.silent = wired, bytearray(_MEMORY), False
         self.put(p.OPERATING_MODE, 3)
         self.put(p.PRESENT_TEMPERATURE, _WARM)
 
@@ -62,6 +62,11 @@ class _Servo:
         self.put(p.PRESENT_CURRENT, round(w.sign * tau / (w.torque_per_ampere * w.current_unit)))
 
     @property
+    def alert(self) -> int:
+        """Alert bit of the answers: set after a hardware error."""
+        return p.ALERT if self.get(p.HARDWARE_ERROR) else 0
+
+    @property
     def goal(self) -> float:
         """Joint angle of the goal position [rad]."""
         return self.wired.sign * (self.get(p.GOAL_POSITION) - self.wired.zero) * TURN
@@ -77,7 +82,7 @@ class _Servo:
         on = self.get(p.TORQUE_ENABLE)
         if address < _EEPROM and on:
             return p.BAD_ACCESS
-        if address >= p.GOAL_CURRENT.address and self.get(p.BUS_WATCHDOG) == 255:
+        if address >= p.GOAL_CURRENT.address and self.get(p.BUS_WATCHDOG) == p.EXPIRED:
             return p.BAD_RANGE
         if address == p.TORQUE_ENABLE.address and self.get(p.HARDWARE_ERROR) and data[0]:
             return p.BAD_ACCESS  # a servo that shut down stays off until restarted
@@ -88,7 +93,7 @@ class _Servo:
 
     def bark(self) -> None:
         """Expire the watchdog: hold the present position."""
-        self.put(p.BUS_WATCHDOG, 255)
+        self.put(p.BUS_WATCHDOG, p.EXPIRED)
         self.put(p.GOAL_POSITION, self.get(p.PRESENT_POSITION))
         if self.get(p.OPERATING_MODE) == p.CURRENT_MODE:
             self.put(p.GOAL_CURRENT, 0)
@@ -107,26 +112,26 @@ class SimulatedBus:
         port: Path of the terminal, for a driver.
         lost: Share of packets to and from the servos that are lost, 0 to 1.
         garbled: Share of answers with a wrong byte, 0 to 1.
-        instructions: Number of complete packets received.
+        time: Time of the bus [s].
     """
 
     def __init__(self, wiring: Wiring, robot: Robot, effects: Sequence[Effect] = (), seed: int = 0):
         self._sim = Simulation(robot.sim, effects, seed, 1.0 / robot.sim.physics_rate, robot)
         self._state = self._sim.reset()
         self._effort = np.array(robot.effort, dtype=float)
-        self._drives_torque = [isinstance(robot.drives.get(j), TorqueDrive) for j in robot.joints]
+        self._pure = np.array([isinstance(robot.drives.get(j), TorqueDrive) for j in robot.joints])
         self._servos = {servo.id: _Servo(servo) for servo in wiring.servos}
         self._sense()
         self._parser, self._rng = p.Parser(), np.random.default_rng(seed)
         self.lost = self.garbled = 0.0
-        self.instructions, self._heard = 0, time.monotonic()
+        self.time = self._heard = 0.0
         self._master, self._slave = pty.openpty()
         tty.setraw(self._slave)
         self.port = os.ttyname(self._slave)
 
-    def silence(self, servo: int) -> None:
-        """Disconnect a servo: no answers and no torque."""
-        self._servos[servo].silent = True
+    def silence(self, servo: int, silent: bool = True) -> None:
+        """Disconnect a servo, so that it has no answers and no torque, or connect it again."""
+        self._servos[servo].silent = silent
         self._servos[servo].put(p.TORQUE_ENABLE, 0)
 
     def overheat(self, servo: int) -> None:
@@ -152,18 +157,17 @@ class SimulatedBus:
         Args:
             ended: Function called every few milliseconds.
         """
-        done = time.monotonic()  # time up to which the robot is simulated
+        zero = time.monotonic() - self.time  # of the bus, on the wall clock [s]
         while not ended():
-            ready, _, _ = select.select([self._master], [], [], _CHECK_PERIOD)
-            now = time.monotonic()
-            done = max(done, now - _LAG)
-            while done + self._sim.dt <= now:
-                self._step()
-                done += self._sim.dt
-            self._watch(now)
-            if ready:
+            behind = time.monotonic() - zero - self.time
+            zero += max(0.0, behind - _LAG)
+            if select.select([self._master], [], [], max(0.0, _CHECK_PERIOD - behind))[0]:
                 for packet in self._parser.feed(os.read(self._master, 4096)):
                     os.write(self._master, self._answer(packet))
+            self.time += min(time.monotonic() - zero - self.time, _CHECK_PERIOD)
+            while (self._state.tick + 1) * self._sim.dt <= self.time:
+                self._step()
+            self._watch()
 
     def close(self) -> None:
         """Free the terminal and the engine."""
@@ -177,13 +181,12 @@ class SimulatedBus:
         servos = self._servos.values()
         on = np.array([bool(s.get(p.TORQUE_ENABLE)) for s in servos])
         asked = np.array([s.torque for s in servos])
-        pure = np.array(self._drives_torque)
-        self._sim.limit(on * np.minimum(self._effort, np.where(pure, np.inf, np.abs(asked))))
+        self._sim.limit(on * np.minimum(self._effort, np.where(self._pure, np.inf, np.abs(asked))))
         goal = np.array([s.goal for s in servos])
         now = self._state.tick, self._state.t
         command = MotionCommand(*now, goal, 0.0 * goal)
         feet = np.ones(len(self._sim.robot.feet), dtype=bool)
-        trunk = TrunkTorque(*now, pure * on * asked, np.zeros(6), feet)
+        trunk = TrunkTorque(*now, self._pure * on * asked, np.zeros(6), feet)
         self._state = self._sim.step(command, trunk)
         self._sense()
 
@@ -192,10 +195,10 @@ class SimulatedBus:
         for servo, row in zip(self._servos.values(), rows, strict=True):
             servo.sense(*row)
 
-    def _watch(self, now: float) -> None:
+    def _watch(self) -> None:
         for servo in self._servos.values():
             patience = servo.get(p.BUS_WATCHDOG)
-            if 0 < patience < 255 and now - self._heard > 0.02 * patience:
+            if 0 < patience < p.EXPIRED and self.time - self._heard > patience * p.WATCHDOG_UNIT:
                 servo.bark()
 
     # ---- the protocol
@@ -204,7 +207,7 @@ class SimulatedBus:
         """Bytes of the answers of all servos to one packet."""
         if not packet.whole or self._rng.random() < self.lost:
             return b""
-        self.instructions, self._heard = self.instructions + 1, time.monotonic()
+        self._heard = self.time
         answers = []
         for answer in self._execute(packet):
             if self._rng.random() < self.lost:
@@ -227,15 +230,12 @@ class SimulatedBus:
             return []
         if not self._responds(packet.id):
             return []
-        servo = self._servos[packet.id]
-        if kind == p.PING:
-            return [p.status(packet.id, self._alert(servo), bytes(servo.memory[:2]) + b"\x2d")]
         if kind == p.READ:
             return [self._read(packet.id, *_bytes(data))]
         if kind == p.WRITE:
-            address = int.from_bytes(data[:2], "little")
-            error = servo.write(address, data[2:])
-            return [p.status(packet.id, error | self._alert(servo))]
+            servo = self._servos[packet.id]
+            error = servo.write(int.from_bytes(data[:2], "little"), data[2:])
+            return [p.status(packet.id, error | servo.alert)]
         return []
 
     def _responds(self, number: int) -> bool:
@@ -243,12 +243,7 @@ class SimulatedBus:
 
     def _read(self, number: int, address: int, size: int) -> bytes:
         servo = self._servos[number]
-        data = bytes(servo.memory[address : address + size])
-        return p.status(number, self._alert(servo), data)
-
-    @staticmethod
-    def _alert(servo: _Servo) -> int:
-        return p.ALERT if servo.get(p.HARDWARE_ERROR) else 0
+        return p.status(number, servo.alert, bytes(servo.memory[address : address + size]))
 
 
 def _bytes(data: bytes) -> tuple[int, int]:

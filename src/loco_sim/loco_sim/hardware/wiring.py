@@ -118,8 +118,7 @@ def _suits(robot: Robot) -> None:
     )
 
 
-def _entries(servos: Any, joints: Iterable[str], path: str | Path) -> dict[str, dict[str, Any]]:
-    joints = list(joints)
+def _entries(servos: Any, joints: tuple[str, ...], path: str | Path) -> dict[str, dict[str, Any]]:
     entries: dict[str, dict[str, Any]] = {}
     if not isinstance(servos, dict):
         raise ParameterError(f"{path}: servos must be a mapping of joints, got {servos!r}")

@@ -42,12 +42,10 @@ class DriverNode(JointPlantNode):
                 f"hardware has the clock realtime, got {self.tick.clock}; take --clock realtime"
             )
         self.tick = self.tick.replace(catch_up=1)  # missed ticks cannot be made up
-        robot = self.declare_parameter("robot", "servo_pendulum").value
-        file = self.declare_parameter("hardware", "").value
         overrides = json.loads(self.declare_parameter("overrides", "{}").value)
-        base = models.load_any(robot)
+        base = models.load_any(self.declare_parameter("robot", "servo_pendulum").value)
         robot = models.Model(base.robot, {**base.overrides, **overrides}, []).make_robot()
-        wired = wiring.load(file, robot)
+        wired = wiring.load(self.declare_parameter("hardware", "").value, robot)
         self.sim = ServoRobot(wired, robot)
         self._speed = wired.bus.approach
         self._acted, self._limp, self._dropped = -1, True, 0
