@@ -2,6 +2,7 @@
 """The latched emergency stop of a plant node, over real DDS."""
 
 import time
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -11,6 +12,7 @@ from std_srvs.srv import SetBool
 from loco_control.ros.messages.joint_codec import JointCodec
 from loco_control.ros.messages.joint_topics import JOINT_TOPICS
 from loco_msgs.msg import Event
+from loco_sim.ros import estop
 from loco_sim.ros.joint_sim_node import JointSimNode
 
 pytestmark = pytest.mark.ros
@@ -131,6 +133,22 @@ def test_an_operator_may_fall_silent_before_the_start(bench):
         b.executor.spin_once(timeout_sec=0.02)
     assert not [e for e in events if e.kind == "estop"]
     assert not b.node._estop.reason
+
+
+def test_silence_is_what_is_longer_than_allowed_since_the_last_beat(monkeypatch):
+    now, stops = [10.0], []
+    node = SimpleNamespace(input=lambda *_: None, create_timer=lambda *_: None)
+    monkeypatch.setattr(estop, "time", SimpleNamespace(monotonic=lambda: now[0]))
+    heart = estop.Heartbeat(node, 0.5, stops.append)
+    heart.begin()
+    for _ in range(3):
+        now[0] += 0.5
+        heart._check()
+        assert not stops
+        heart._on_beat(Empty())
+    now[0] += 0.51
+    heart._check()
+    assert stops == ["no heartbeat for 0.5 s"]
 
 
 def test_no_heartbeat_is_wanted_by_default(bench):

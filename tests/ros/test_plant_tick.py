@@ -186,6 +186,19 @@ def test_a_command_is_held_until_it_is_too_old_and_counts_again_when_a_new_one_c
     assert not plant.said("estop", "error")
 
 
+def test_every_silence_of_a_run_is_noticed_and_told(bench):
+    plant = Plant(bench)
+    for silences in range(1, 4):
+        plant.command(plant.tick)
+        assert not plant.damped
+        for late in range(9):  # 0.06 s, six ticks, are held
+            plant.lost(plant.tick)
+            assert plant.damped == (late >= 6)
+        told = [text for _, text, _, _ in plant.said("timeout")]
+        assert sum(text.startswith("no command since") for text in told) == silences
+        assert sum(text.startswith("commands are back") for text in told) == silences - 1
+
+
 def test_a_stop_for_late_commands_stays_when_they_are_back(bench):
     plant = Plant(bench, late="safe-stop")
     plant.command(0)
@@ -299,6 +312,19 @@ def test_a_measurement_beyond_its_limit_stops_the_robot(bench):
     assert not plant.damped
     plant.command(2)
     assert plant.damped
+
+
+@pytest.mark.parametrize("when", ["at first", "late", "before any command", "at the end"])
+def test_a_measurement_beyond_its_limit_stops_the_robot_at_any_time(bench, when):
+    plant = Plant(bench, duration=0.1)
+    if when != "before any command":
+        plant.command(0)
+    plant.lost(*range(plant.tick, {"late": 8, "at the end": 9}.get(when, plant.tick)))
+    plant.node._safety.trip = lambda state: "too fast"
+    now = plant.tick
+    plant.lost(now)
+    assert [event[:3] for event in plant.said("estop")] == [("estop", "too fast", now + 1)]
+    assert bool(plant.said("finished")) == (when == "at the end")
 
 
 # ---- the recorder

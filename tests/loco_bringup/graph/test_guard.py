@@ -96,14 +96,14 @@ def test_the_kernel_has_ten_seconds_then_a_signal_two_then_the_last_five(monkeyp
     monkeypatch.setattr(guard.time, "sleep", lambda wait: now.append(now.pop() + wait))
     monkeypatch.setattr(guard, "start_of", lambda pid: "7")  # it never ends
     monkeypatch.setattr(guard, "send", lambda pid, number: sent.append((pid, number, now[0])))
-    guard.end_all({12: "7", 13: "6"}, *([] if share is None else [share]))
+    guard.end_all({12: "7", 13: "6", 14: "7"}, *([] if share is None else [share]))
     scale = share or 1.0
     assert [each[:2] for each in sent] == [
-        (12, signal.SIGCONT),
-        (12, signal.SIGTERM),
-        (12, signal.SIGKILL),
+        (pid, number)
+        for number in (signal.SIGCONT, signal.SIGTERM, signal.SIGKILL)
+        for pid in (12, 14)
     ]
-    times = [each[2] for each in sent] + now
+    times = [each[2] for each in sent[::2]] + now
     assert times == pytest.approx([0.0, 10.0 * scale, 12.0 * scale, 17.0 * scale], abs=0.1)
 
 

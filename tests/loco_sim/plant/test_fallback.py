@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Robots without commands hold, sit down, and go limp, in this order."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -34,6 +36,24 @@ def test_stages_follow_one_another_and_begin_anew_after_a_reset(hyq):
     assert stages(fallback, state, 7) == order
     fallback.reset()
     assert stages(fallback, state, 7) == order
+
+
+def test_the_first_posture_is_held_on_all_legs_and_damped_joints_stay_where_they_are_now(hyq):
+    fallback = Fallback(hyq, FallbackParams(hold=3 * DT, sit=2 * DT), DT)
+    with Simulation(robot="hyq") as sim:
+        first = sim.reset()
+    for tick in range(9):
+        contact = np.arange(len(first.contact)) == tick % 4  # three legs are in the air
+        state = replace(first, q=first.q - 0.01 * tick, contact=contact)
+        stage = fallback.stage
+        command, trunk = fallback.command(state)
+        if stage == "damp":
+            np.testing.assert_array_equal(command.q, state.q)
+            np.testing.assert_array_equal(trunk.stance, contact)
+        else:
+            assert trunk.stance.all()
+            assert stage == "sit" or np.array_equal(command.q, first.q)
+    assert stage == "damp"
 
 
 def test_by_default_a_robot_is_damped_at_once(hyq):

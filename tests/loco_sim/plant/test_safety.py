@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Commands within the limits pass untouched; others come back to them; excess stops."""
 
+import dataclasses
 import xml.etree.ElementTree as ElementTree
 from types import SimpleNamespace
 
@@ -82,6 +83,28 @@ def test_values_that_are_not_finite_are_left_to_the_plant(safety, hyq):
     assert np.isnan(got.q[4])
     after, _ = safety.limit(command(hyq.standing), None)
     assert np.array_equal(after.q, hyq.standing)
+
+
+def test_a_value_that_is_no_number_does_not_free_the_command_after_it(hyq):
+    safety, q = Safety(hyq, SafetyParams(rate=1.0), DT), np.array(hyq.standing)
+    for sent in (q, np.where(np.arange(12) == 4, np.nan, q), q + 0.5):
+        got, _ = safety.limit(command(sent), None)
+    assert np.all(np.abs(got.q - q) <= SPEED * DT + 1e-12)
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+@pytest.mark.parametrize("joint", [0, 7, 11])
+def test_each_joint_is_limited_alone_and_in_both_directions(hyq, joint, sign):
+    one = np.where(np.arange(12) == joint, sign, 0.0)
+    params = SafetyParams(velocity=1.0, rate=1.0, torque=1.0)
+    safety, q = Safety(hyq, params, DT), np.array(hyq.standing)
+    safety.limit(command(q), torque(0.0))
+    got, trunk = safety.limit(command(q), dataclasses.replace(torque(0.0), tau=2 * EFFORT * one))
+    np.testing.assert_allclose(trunk.tau, EFFORT * one)
+    got, _ = safety.limit(dataclasses.replace(command(q), dq=2 * SPEED * one), torque(0.0))
+    np.testing.assert_allclose(got.dq, SPEED * one)
+    got, _ = safety.limit(command(q + one), torque(0.0))
+    np.testing.assert_allclose(got.q - q, SPEED * DT * one, atol=1e-12)
 
 
 def test_passive_joints_and_torque_drives_have_no_position_reference():

@@ -7,8 +7,9 @@ from pathlib import Path
 
 import pytest
 
-from loco_workshop.mutants.mutate import mutants
-from loco_workshop.mutants.run import EQUIVALENT, PROTECTING
+from loco_control.exceptions import ParameterError
+from loco_workshop.mutants.mutate import by_hand, mutants
+from loco_workshop.mutants.run import BY_HAND, EQUIVALENT, PROTECTING
 
 ROOT = Path(__file__).resolve().parents[3]
 
@@ -43,6 +44,22 @@ def test_each_mutant_is_a_module_with_one_change(module):
 )
 def test_what_is_changed(source, after):
     assert [mutant.after for mutant in mutants(source)] == after
+
+
+@pytest.mark.parametrize("module", BY_HAND)
+def test_each_mutant_made_by_hand_is_another_module(module):
+    source = (ROOT / module).read_text()
+    for mutant in by_hand(source, BY_HAND[module]):
+        assert ast.dump(ast.parse(mutant.text)) != ast.dump(ast.parse(source)), mutant.key
+    assert module in PROTECTING
+
+
+def test_what_a_mutant_made_by_hand_changes_is_there_once():
+    (mutant,) = by_hand("a = 1\nb = 2\n", {"b is 3": ["b = 2", "b = 3"]})
+    assert (mutant.line, mutant.key, mutant.text) == (2, "by hand: b is 3", "a = 1\nb = 3\n")
+    for old, count in (("c", 0), ("=", 2)):
+        with pytest.raises(ParameterError, match=f"occurs {count} times"):
+            by_hand("a = 1\nb = 2\n", {"no": [old, "x"]})
 
 
 def test_changes_that_read_the_same_are_numbered():

@@ -2,6 +2,7 @@
 """A module with a test that sees one of its lines: the mutants of the other line survive."""
 
 import os
+from pathlib import Path
 
 import pytest
 
@@ -11,6 +12,7 @@ from loco_control.files import write_whole
 from loco_learning.jobs.journal import Journal
 from loco_workshop.mutants import run
 
+ROOT = Path(__file__).resolve().parents[3]
 MODULE, TESTS = "src/guarded/__init__.py", ("tests/test_guarded.py",)
 SOURCE = "def seen(x):\n    return x + 1\n\n\ndef unseen(x):\n    return x < 3\n"
 TEST = """
@@ -31,11 +33,11 @@ def clone(tmp_path, monkeypatch):
     return tmp_path
 
 
-def survey(clone, limit=0, survivors=False):
+def survey(clone, limit=0, survivors=False, by_hand=False):
     """Verdicts, and how many of them are not from an earlier survey."""
     journal = Journal(clone / "out/mutants.jsonl", {"kind": "mutants"})
     told, known = [], len(journal.rows)
-    verdicts = run.survey(clone, [MODULE], limit, 0, 2, journal, told.append, survivors)
+    verdicts = run.survey(clone, [MODULE], limit, 0, 2, journal, told.append, survivors, by_hand)
     journal.close()
     assert told == verdicts
     return verdicts, len(journal.rows) - known
@@ -56,6 +58,15 @@ def test_what_no_test_sees_survives_and_a_survey_goes_on(clone, tmp_path):
     assert "unseen: x < 3 -> x <= 3" in (tmp_path / "out" / "mutants.md").read_text()
 
 
+def test_mutants_made_by_hand_stand_beside_the_others_or_alone(clone, monkeypatch):
+    made = {"it adds two": ["x + 1", "x + 2"], "it is larger": ["x < 3", "x > 3", "nobody asks"]}
+    monkeypatch.setattr(run, "BY_HAND", {MODULE: made})
+    verdicts, _ = survey(clone, by_hand=True)
+    ends = {v.change: v.end for v in verdicts}
+    assert ends == {"by hand: it adds two": "killed", "by hand: it is larger": "survived"}
+    assert len(survey(clone)[0]) > len(verdicts)
+
+
 def test_a_change_of_the_tests_begins_anew_or_with_the_survivors(clone):
     first, _ = survey(clone)
     survived = sum(v.end == "survived" for v in first)
@@ -65,6 +76,12 @@ def test_a_change_of_the_tests_begins_anew_or_with_the_survivors(clone):
     assert new == survived < len(verdicts)
     assert "unseen killed" in ends(verdicts)
     assert survey(clone)[1] == len(verdicts) - survived
+
+
+def test_a_copy_of_the_package_that_knows_the_clone_is_in_one():
+    module = "ros_ws/src/loco_bringup/loco_bringup/graph/guard.py"
+    with run.Nursery(ROOT, module) as nursery:
+        assert nursery.ask((ROOT / module).read_text(), 200.0) == "0"
 
 
 def test_how_tests_end(clone, monkeypatch):

@@ -9,8 +9,10 @@ from __future__ import annotations
 
 import ast
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+
+from loco_control.exceptions import ParameterError
 
 _SWAPS: dict[type[ast.AST], type[ast.AST]] = {
     ast.Lt: ast.LtE, ast.LtE: ast.Lt, ast.Gt: ast.GtE, ast.GtE: ast.Gt, ast.Eq: ast.NotEq,
@@ -27,8 +29,8 @@ class Mutant:
     Attributes:
         line: Line of the change, from 1.
         function: Enclosing function or method; empty at module level.
-        before: Source of the changed part.
-        after: Source of the part after the change.
+        before: Source of the changed part; of a mutant made by hand, the fault in words.
+        after: Source of the part after the change; empty for a mutant made by hand.
         text: Source of the whole module after the change.
         number: Index among identical changes in the function, from 1.
     """
@@ -43,6 +45,8 @@ class Mutant:
     @property
     def key(self) -> str:
         """Identifier that does not depend on line numbers: function, change, index."""
+        if not self.after:
+            return f"{self.function}: {self.before}"
         text = f"{self.function}: {self.before} -> {self.after}"
         return text if self.number == 1 else f"{text} #{self.number}"
 
@@ -67,6 +71,25 @@ def mutants(source: str) -> list[Mutant]:
         counts[mutant.key] += 1
         result[i] = replace(mutant, number=counts[mutant.key])
     return result
+
+
+def by_hand(source: str, made: Mapping[str, Sequence[str]]) -> list[Mutant]:
+    """Mutants made by hand.
+
+    Args:
+        source: Source of the module.
+        made: Old text, which occurs once in the source, and new text, by the fault in words.
+
+    Raises:
+        ParameterError: An old text does not occur, or more than once.
+    """
+    found = []
+    for name, (old, new, *_) in made.items():
+        if source.count(old) != 1:
+            raise ParameterError(f"{name!r}: its text occurs {source.count(old)} times, not once")
+        line = source[: source.index(old)].count("\n") + 1
+        found.append(Mutant(line, "by hand", name, "", source.replace(old, new)))
+    return found
 
 
 def _mark(tree: ast.Module) -> None:

@@ -47,6 +47,7 @@ def _tested(root: Path, module: Path, text: str, allowed: float, words: list[str
         scratch.mkdir()
         # Symbolic links are resolved, since their targets are not copied.
         shutil.copytree(root / package, sources / package.name)
+        Path(folder, "tests").symlink_to(root / "tests")  # or the copy would be in no clone
         (sources / module.relative_to(package.parent)).write_text(text, encoding="utf-8")
         process = os.fork()
         if not process:

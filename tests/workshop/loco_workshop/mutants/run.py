@@ -23,7 +23,7 @@ from loco_control.files import write_whole
 from loco_learning.jobs.journal import Journal
 
 from . import nursery
-from .mutate import Mutant, mutants
+from .mutate import Mutant, by_hand, mutants
 
 # Modules that decide on the name of an effect and prevent false ones.
 _VERDICT = ("candidates", "decide", "doubt", "leftover", "rivals", "stable", "traded")
@@ -36,6 +36,9 @@ PROTECTING: dict[str, tuple[str, ...]] = {
         "tests/ros/test_plant_tick.py", "tests/ros/test_plant_node.py",
         "tests/ros/test_plant_clock.py", "tests/ros/test_estop.py",
     ),
+    "src/loco_sim/loco_sim/ros/driver_node.py": ("tests/ros/test_driver_node.py",),
+    "src/loco_sim/loco_sim/hardware/dynamixel.py": ("tests/loco_sim/hardware/test_dynamixel.py",),
+    "src/loco_sim/loco_sim/hardware/wiring.py": ("tests/loco_sim/hardware/test_wiring.py",),
     "src/loco_sim/loco_sim/robot/urdf_check.py": ("tests/loco_sim/robot/test_urdf_check.py",),
     "src/loco_control/loco_control/ros/join.py": ("tests/ros/test_join.py",),
     "src/loco_control/loco_control/reading.py": ("tests/loco_control/test_reading.py",),
@@ -56,6 +59,10 @@ PROTECTING: dict[str, tuple[str, ...]] = {
 # Mutants that behave like the original, by module and `Mutant.key`, with the reason.
 EQUIVALENT: dict[str, dict[str, str]] = yaml.safe_load(
     Path(__file__).with_name("equivalent.yaml").read_text(encoding="utf-8")
+)
+# Mutants made by hand, by module and fault: old text, new text and, if it survives, the reason.
+BY_HAND: dict[str, dict[str, list[str]]] = yaml.safe_load(
+    Path(__file__).with_name("by_hand.yaml").read_text(encoding="utf-8")
 )
 NOTICED = ("killed", "timeout")
 # Result by exit code of pytest; 2: the tests could not be imported. Negative: a signal.
@@ -92,6 +99,7 @@ def survey(
     journal: Journal,
     tell: Callable[[Verdict], None],
     survivors: bool = False,
+    only_by_hand: bool = False,
 ) -> list[Verdict]:
     """Test mutants of modules.
 
@@ -104,6 +112,7 @@ def survey(
         journal: Earlier verdicts of the same modules and tests, which are not repeated.
         tell: Called with each verdict.
         survivors: Whether earlier verdicts ``killed`` remain valid after a change of the tests.
+        only_by_hand: Whether to test the mutants made by hand alone.
 
     Raises:
         MissingFileError: This is an installed package, not a clone.
@@ -113,7 +122,9 @@ def survey(
         raise MissingFileError(f"no tests folder in {root}; run this from a clone")
     verdicts = []
     for module in modules:
-        drawn = mutants((root / module).read_text(encoding="utf-8"))
+        text = (root / module).read_text(encoding="utf-8")
+        drawn = by_hand(text, BY_HAND.get(module, {}))
+        drawn += [] if only_by_hand else mutants(text)
         if 0 < limit < len(drawn):
             drawn = sorted(random.Random(seed).sample(drawn, limit), key=lambda m: m.line)
         source, tests = _digest(root, [module]), _digest(root, PROTECTING[module])

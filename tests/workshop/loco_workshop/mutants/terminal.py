@@ -12,7 +12,7 @@ from loco_control.exceptions import NameUnknownError, ParameterError
 from loco_control.files import check_writable
 from loco_learning.jobs.journal import Journal
 
-from .run import PROTECTING, Verdict, score, survey, write
+from .run import BY_HAND, PROTECTING, Verdict, score, survey, write
 
 
 def show_mutants(a: argparse.Namespace) -> int:
@@ -26,13 +26,14 @@ def show_mutants(a: argparse.Namespace) -> int:
         raise ParameterError(
             f"--limit must be at least 0 and --workers at least 1, got {a.limit} and {a.workers}"
         )
-    selected = [module for module in PROTECTING if a.only in module]
+    selected = [m for m in (BY_HAND if a.by_hand else PROTECTING) if a.only in m]
     if not selected:
         raise NameUnknownError("protecting module", a.only, list(PROTECTING))
     check_writable(a.out)
     journal = Journal(a.out / "mutants.jsonl", {"kind": "mutants", "format": 1}, anew=True)
     try:
-        verdicts = survey(root(), selected, a.limit, a.seed, a.workers, journal, _tell, a.survivors)
+        verdicts = survey(root(), selected, a.limit, a.seed, a.workers, journal, _tell,
+                          a.survivors, a.by_hand)  # fmt: skip
     finally:
         journal.close()
     write(verdicts, a.out)

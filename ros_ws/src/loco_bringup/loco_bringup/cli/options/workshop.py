@@ -95,12 +95,12 @@ def mutants(p: ArgumentParser) -> None:
         "\ncopy of the sources, on which the tests of that module run. Those that no test notices"
         "\nare listed. Stop it and start it again: it goes on."
     )
-    p.add_argument("--only", default="", metavar="TEXT",
-                   help="modules whose path has it, e.g. safety")  # fmt: skip
+    p.add_argument("--only", default="", metavar="TEXT", help="modules whose path has it: safety")
     p.add_argument("--limit", type=int, default=0, metavar="N",
                    help="mutants of each module, drawn at random (default all)")  # fmt: skip
     p.add_argument("--seed", type=int, default=0, help="seed of the draw")
     p.add_argument("--workers", type=int, default=2, help="mutants tested at a time (default 2)")
+    p.add_argument("--by-hand", action="store_true", help="only those made by hand")
     p.add_argument("--survivors", action="store_true",
                    help="after a change of tests: only what they had not noticed")  # fmt: skip
     p.add_argument("--out", type=Path, default=Path("results/mutants"), help="results folder")
