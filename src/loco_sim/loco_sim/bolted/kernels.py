@@ -13,7 +13,7 @@ from ..effects.rows import GAIN, LIMIT, ON_MOTOR, SAG, SPEED_LINE
 from ..world.braking import split
 from .dynamics import advance, workshop
 
-MADE_OF = "2a2d2ae2b293"  # of the called kernels, see tests/loco_sim/test_kernel_caches.py
+MADE_OF = "c0c5437480e0"  # of the called kernels, see tests/loco_sim/test_kernel_caches.py
 
 
 @njit(cache=True, error_model="numpy")

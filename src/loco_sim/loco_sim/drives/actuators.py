@@ -34,7 +34,7 @@ from .spring_kernels import spring_energy, spring_torque
 
 COMMANDS = 4  # rows of a command: positions, velocities, torques, swinging
 
-MADE_OF = "aa8ea7c29d6a"  # of the called kernels, see tests/loco_sim/test_kernel_caches.py
+MADE_OF = "2b46662d9927"  # of the called kernels, see tests/loco_sim/test_kernel_caches.py
 
 
 @njit(cache=True, error_model="numpy")

@@ -40,7 +40,7 @@ from .rows import (
     WAVE,
 )
 
-MADE_OF = "a7c6054bd7c4"  # of the called kernels, see tests/loco_sim/test_kernel_caches.py
+MADE_OF = "33ba153460f2"  # of the called kernels, see tests/loco_sim/test_kernel_caches.py
 
 REST = 1e-5  # speed below which a joint is at rest, above numerical noise [rad/s] (taste)
 SPRING_AT = 2  # index of the first spring constant (`spring.SpringParams.row`) among the constants

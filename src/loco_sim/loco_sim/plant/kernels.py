@@ -16,7 +16,7 @@ from ..effects.laws import bend, budgets, motors, torques
 from ..world.hinges import torque as hinge_torque
 from .sensing import BASE
 
-MADE_OF = "fc50ce39107d"  # of the kernels called here: see tests/loco_sim/test_kernel_caches.py
+MADE_OF = "93e151e0119d"  # of the kernels called here: see tests/loco_sim/test_kernel_caches.py
 
 
 @intrinsic
