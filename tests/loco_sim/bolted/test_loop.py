@@ -106,11 +106,14 @@ def test_a_robot_with_an_effect(name, effect):
     same(Bolted(plant, made).run(*told), with_engine(plant, listed, told))
 
 
+@pytest.mark.parametrize("listed", [True, False])
 @pytest.mark.parametrize("name", ["hyq_leg", "tigrillo"])
-def test_a_rotor_is_felt_by_its_joint_alone(name):
+def test_a_rotor_of_an_effect_or_of_robot_yaml_is_felt_by_its_joint_alone(name, listed):
     plant, at = loaded(name), 0.1
-    rotors = effects.from_list([{"name": "armature", "inertia": at, "joint": plant.joints[1]}])
     wanted = Bolted(plant).inertia(plant.standing)
+    rotors = effects.from_list([{"name": "armature", "inertia": at, "joint": plant.joints[1]}])
+    if listed:
+        plant, rotors = replace(plant, armature={plant.joints[1]: at}), []
     wanted[1, 1] += at
     found = Bolted(plant, rotors).inertia(plant.standing)
     np.testing.assert_allclose(found, wanted, atol=1e-12)

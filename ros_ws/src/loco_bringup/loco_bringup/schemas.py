@@ -188,9 +188,9 @@ def _robot() -> Schema:
         "contacts": _by_name(of_params(equipment.ContactParams), "link"),
         "masses": _by_name({**NUMBER, "description": "with all that hangs on it [kg]"}, "link"),
         "bodies": _by_name(of_params(equipment.BodyParams), "link"),
-        "sensors": of_params(SensorParams),
-        "sim": of_params(SimParams),
+        **{k: of_params(v) for k, v in (("sensors", SensorParams), ("sim", SimParams))},
         "fall": of_params(FallLimits),
+        "guessed": {**_nullable(TEXTS), "description": "sections that a draft guessed: drives"},
         "uncertain": _by_name({**deviation, "description": "standard deviation"}, "dotted name"),
     }
     return _mapping(keys, ("urdf", "joints"))

@@ -83,6 +83,7 @@ def find(
         if keep:
             keep(result, None)
         return result
+    model = mend.model_mended(model, mend.changes_of(wrong)) or model
     records, held_out = mend.noted(records, wrong), mend.noted(held_out, wrong)
     fit, checks = stages.parted(model, records), stages.parted(model, held_out)
     if params.window or not all(fit):

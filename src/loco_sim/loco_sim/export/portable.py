@@ -163,7 +163,8 @@ def _timed(effect: Effect, lost: list[str]) -> bool:
 def _joint(robot: Robot, world: World, name: str, gear: str, lost: list[str]) -> Joint:
     """Constants of a joint with drive and spring, without effects."""
     limit = float(robot.effort[robot.joints.index(name)])
-    joint = Joint(name, damping=world.description.damping(name))
+    rotor = robot.armature.get(name, 0.0)
+    joint = Joint(name, damping=world.description.damping(name), armature=rotor)
     drive, spring = robot.drives.get(name), robot.springs.get(name)
     if drive is not None and drive.sampled:
         lost.append(f"{name}: what its drive asks for is {drive.torque} for {drive.period:g} s")
@@ -206,7 +207,7 @@ def _geared(joint: Joint, drive: ServoParams, limit: float, gear: str, lost: lis
         lost.append(f"{joint.name}: its drive no longer rounds to {drive.resolution:g} rad")
     if limit < drive.stall_torque:
         lost.append(f"{joint.name}: the limit of {limit:g} is below the stall torque and left out")
-    return replace(joint, armature=drive.rotor_inertia)
+    return replace(joint, armature=joint.armature + drive.rotor_inertia)
 
 
 def _apply(effect: Effect, robot: Robot, joints: dict, lost: list[str]) -> None:

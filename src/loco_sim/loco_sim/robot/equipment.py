@@ -37,7 +37,7 @@ class DynamicsParams(Params):
         -1.0, "viscous damping; below 0 is that of the URDF", "N·m·s/rad", low=-1.0, high=1e4
     )
     armature: float = parameter(
-        0.0, "inertia of rotor and gear about the axis, added", "kg·m²", low=0.0, high=1e3
+        0.0, "of rotor and gear: the joint feels it, and none before it", "kg·m²", low=0.0, high=1e3
     )
 
 
@@ -152,15 +152,6 @@ def drives(section: Mapping[str, dict]) -> dict[str, DriveParams]:
 def parts(section: Mapping[str, dict], kind: type[Params], where: str) -> dict[str, Any]:
     """Parameters of each entry of a section."""
     return {name: from_dict(kind, entry, f"{where}.{name}") for name, entry in section.items()}
-
-
-def set_dynamics(description: Description, dynamics: Mapping[str, DynamicsParams]) -> None:
-    """Set damping and armature of joints."""
-    for joint, params in dynamics.items():
-        if params.damping >= 0.0:
-            description.set_damping(joint, params.damping)
-        if params.armature > 0.0:
-            description.add_armature(joint, params.armature)
 
 
 def set_masses(description: Description, masses: Mapping[str, Any]) -> None:

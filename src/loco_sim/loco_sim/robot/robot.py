@@ -71,6 +71,8 @@ class Robot:
         sim: Default physics parameters of the robot.
         drives: Drives by joint.
         springs: Springs and dampers by joint.
+        armature: Rotor inertia behind the gear [kg·m², kg], by joint; the joint alone feels it,
+            but for PyBullet, where it is part of the link.
         friction: Friction coefficients by link; other links have the world's.
         contact: Contact stiffness [N/m] and damping [N·s/m] by link.
         sensors: Sensors, None for exact measurements.
@@ -79,6 +81,7 @@ class Robot:
             `legs.geometry.COLUMNS`; None for other robots.
         uncertain: Standard deviation of uncertain values, by dotted name, in the unit of each
             value.
+        guessed: Sections of ``robot.yaml`` that a draft guessed, such as "drives".
         followers: Leader, factor and offset [rad or m] of each joint that follows another one
             (``<mimic>``), by name.
         mass: Mass of all links [kg].
@@ -101,12 +104,14 @@ class Robot:
     sim: SimParams = SimParams()
     drives: dict[str, DriveParams] = field(default_factory=dict)
     springs: dict[str, SpringParams] = field(default_factory=dict)
+    armature: dict[str, float] = field(default_factory=dict)
     friction: dict[str, float] = field(default_factory=dict)
     contact: dict[str, tuple[float, float]] = field(default_factory=dict)
     sensors: SensorParams | None = None
     hall: dict[str, HallSensor] = field(default_factory=dict, repr=False)
     legs: np.ndarray | None = field(default=None, repr=False)
     uncertain: dict[str, float] = field(default_factory=dict, repr=False)
+    guessed: tuple[str, ...] = ()
     followers: dict[str, tuple[str, float, float]] = field(default_factory=dict, repr=False)
     mass: float = 0.0
     foot_of: np.ndarray = field(default_factory=lambda: np.zeros(0, dtype=int), repr=False)
@@ -209,6 +214,7 @@ def load(name_or_path: str | Path, overrides: Mapping[str, Any] | None = None) -
         effort=limits,
         legs=legs,
         uncertain=equipment.uncertain(values, moved, path),
+        guessed=tuple(values.get("guessed") or ()),
         followers=_followers(description, joints),
         **fitted,
     )
@@ -250,14 +256,15 @@ def _fit(
     contacts = equipment.parts(values["contacts"], ContactParams, "contacts")
     dynamics = equipment.parts(values["dynamics"], equipment.DynamicsParams, "dynamics")
     bodies = equipment.parts(values["bodies"], equipment.BodyParams, "bodies")
-    edited = bool(values["masses"] or dynamics or bodies)
-    edited |= any(s.stop > -math.inf for s in springs.values())
+    stops = {joint: spring.stop for joint, spring in springs.items() if spring.stop > -math.inf}
+    edited = bool(values["masses"] or dynamics or bodies or stops)
     equipment.set_masses(description, values["masses"])
-    equipment.set_dynamics(description, dynamics)
+    for joint, params in dynamics.items():
+        if params.damping >= 0.0:
+            description.set_damping(joint, params.damping)
     equipment.set_bodies(description, bodies)
-    for joint, spring in springs.items():
-        if spring.stop > -math.inf:
-            description.set_lower_limit(joint, spring.stop)
+    for joint, stop in stops.items():
+        description.set_lower_limit(joint, stop)
     sensors = from_dict(SensorParams, values["sensors"], "sensors")
     share = description.mass() / max(1, len(feet))
     height, rate = values.get("height"), values.get("control_rate", 250.0)
@@ -279,6 +286,7 @@ def _fit(
         "foot_of": _foot_of(description, joints, feet),
         "drives": drives,
         "springs": springs,
+        "armature": {joint: d.armature for joint, d in dynamics.items() if d.armature > 0.0},
         "friction": {link: contact.friction for link, contact in contacts.items()},
         "mass": description.mass(),
         "contact": {link: contact.softness(share) for link, contact in contacts.items()},
@@ -399,12 +407,11 @@ def _read(path: Path) -> dict[str, Any]:
 def _parsed(path: Path, written: int) -> dict[str, Any]:
     """As `_read`, cached by the modification time `written` [ns]."""
     values = read_yaml(path, "robot")
-    sections = (*equipment.BY_JOINT, *equipment.BY_LINK, *equipment.NESTED)
-    allowed = ("urdf", "joints", "feet", "standing", "legs", *equipment.SCALARS, *sections)
-    allowed = (*allowed, equipment.UNCERTAIN)
+    allowed = ("urdf", "joints", "feet", "standing", "legs", "guessed", equipment.UNCERTAIN)
+    allowed += (*equipment.SCALARS, *equipment.BY_JOINT, *equipment.BY_LINK, *equipment.NESTED)
     if not isinstance(values, dict) or not {"urdf", "joints"} <= set(values):
         raise ParameterError(f"{path} must be a mapping with at least 'urdf' and 'joints'")
-    for key in ("joints", "feet"):
+    for key in ("joints", "feet", "guessed"):
         listed = values.get(key) or []
         if not isinstance(listed, list) or len(set(map(str, listed))) != len(listed):
             raise ParameterError(

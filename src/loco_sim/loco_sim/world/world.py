@@ -113,7 +113,7 @@ class Setting:
         self.carried = 0.0
         self.terrain: Terrain | None = None
         self.hinges: dict[str, tuple[float, float]] = {}
-        self.armature: dict[str, float] = {}
+        self.armature: dict[str, float] = dict(self.robot.armature)
 
     @property
     def pull(self) -> Triple:

@@ -12,6 +12,7 @@ from .machines import MACHINES, Machine
 
 Change = Callable[[dict], None]
 DEGREE = 180.0 / np.pi
+ARMS = ("arm", "geared")
 
 
 @dataclass(frozen=True)
@@ -105,7 +106,7 @@ def _sign(rng, name: str, machine: Machine, joint: str) -> Mistake:
 
 
 def _exchange(rng, name: str, machine: Machine, joint: str) -> Mistake | None:
-    if name != "arm":  # a lift's column and arm have other units
+    if name not in ARMS:  # a lift's column and arm have other units
         return None
     what, (a, b) = rng.choice(["q", "cmd"]), machine.joints
     change = _exchanged(f"{what}_{a}", f"{what}_{b}")
@@ -118,6 +119,15 @@ def _gear(rng, name: str, machine: Machine, joint: str) -> Mistake | None:
     column, factor = f"{rng.choice(['q', 'cmd'])}_{joint}", _ratio(rng)
     change = _scaled([column], factor)
     return Mistake(name, f"{column} x {factor:.2f}", frozenset({"scale", "unit"}), (joint,), change)
+
+
+def _reduced(rng, name: str, machine: Machine, joint: str) -> Mistake | None:
+    if name not in ARMS:  # a torque alone, or a stiff column, moves a scaled joint as well
+        return None
+    factor = _ratio(rng)
+    change = _scaled([f"{what}_{joint}" for what in ("q", "cmd")], factor)
+    text = f"q and cmd of {joint} x {factor:.2f}"
+    return Mistake(name, text, frozenset({"joint scale"}), (joint,), change)
 
 
 def _unit(rng, name: str, machine: Machine, joint: str) -> Mistake | None:
@@ -148,7 +158,7 @@ def _turns(rng, name: str, machine: Machine, joint: str) -> Mistake | None:
 
 
 def _axis(rng, name: str, machine: Machine, joint: str) -> Mistake | None:
-    if name != "arm":  # where weight and inertia are the same about both sides nothing tells it
+    if name not in ARMS:  # where weight and inertia are the same about both sides nothing tells it
         return None
     change = _scaled([f"{what}_{joint}" for what in ("q", "cmd", "tau")], -1.0)
     return Mistake(name, f"axis of {joint} reversed", frozenset({"axis"}), (joint,), change)
@@ -168,7 +178,8 @@ def _masses(rng, name: str, machine: Machine, joint: str) -> Mistake | None:
     if name == "lift":
         return None  # its drives are stiff
     factor = float(rng.choice([0.1, 10.0, 1000.0]))
-    masses = {"arm": {"shoulder_link": 1.0, "elbow_link": 0.6}, "pendulum": {"swing_link": 1.5}}
+    arm = {"shoulder_link": 1.0, "elbow_link": 0.6}
+    masses = {"arm": arm, "geared": arm, "pendulum": {"swing_link": 1.5}}
     values = {link: factor * mass for link, mass in masses[name].items()}
     return Mistake(
         name, f"masses x {factor:g}", frozenset({"masses"}), (), None, {"masses": values}
@@ -176,7 +187,7 @@ def _masses(rng, name: str, machine: Machine, joint: str) -> Mistake | None:
 
 
 def _carried(rng, name: str, machine: Machine, joint: str) -> Mistake | None:
-    if name != "arm":  # a lift is stiff, and torques alone hold no pendulum without weight
+    if name not in ARMS:  # a lift is stiff, and torques alone hold no pendulum without weight
         return None
     robot = {"about": {"carried": True}}
     return Mistake(name, "gravity carried", frozenset({"gravity carried"}), (), None, robot)
@@ -186,7 +197,7 @@ def _tilt(rng, name: str, machine: Machine, joint: str) -> Mistake | None:
     if name == "lift":
         return None
     angle = -float(rng.uniform(0.45, 1.5))  # the other way a pendulum goes over the top
-    if name == "arm":
+    if name in ARMS:
         angle = float(rng.choice([np.pi, angle, -angle]))
     robot = {"about": {"tilt": angle}}
     return Mistake(name, f"inclined by {angle:.2f}", frozenset({"gravity turned"}), (), None, robot)
@@ -211,5 +222,5 @@ def _effort(rng, name: str, machine: Machine, joint: str) -> Mistake | None:
 
 _KINDS = (
     *(_sign, _exchange, _gear, _unit, _wrap, _turns, _axis, _gains, _masses, _carried, _tilt),
-    *(_ahead, _effort),
+    *(_ahead, _effort, _reduced),
 )

@@ -1,14 +1,16 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Three machines of other code than loco's: what a recording of each would hold, as files.
+"""Four machines of other code than loco's: what a recording of each would hold, as files.
 
-A two-link arm with stiff drives, a pendulum that is told torques, and a lift that carries an arm.
+A two-link arm with stiff drives, the same with rotors behind its gears, a pendulum that is told
+torques, and a lift that carries an arm.
 Lagrange's equations by hand, Runge-Kutta in steps of a millisecond, dry friction, noise.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -146,14 +148,16 @@ class Machine:
         return folder
 
 
-def arm_acceleration(q, dq, tau, down, m=(1.0, 0.6), c=(0.15, 0.12), i=(0.0075, 0.00288), l=0.3):
+def arm_acceleration(
+    q, dq, tau, down, m=(1.0, 0.6), c=(0.15, 0.12), i=(0.0075, 0.00288), l=0.3, rotor=0.0
+):
     a, b = q[0], q[0] + q[1]
     pull = [np.array([np.cos(x), np.sin(x)]) @ down for x in (a, b)]  # along the way of a tip
     h = m[1] * l * c[1]
     far = i[1] + m[1] * c[1] ** 2
     cross = far + h * np.cos(q[1])
     near = i[0] + m[0] * c[0] ** 2 + m[1] * l**2 + 2.0 * cross - far
-    mass = np.array([[near, cross], [cross, far]])
+    mass = np.array([[near + rotor, cross], [cross, far + rotor]])
     turn = h * np.sin(q[1]) * np.array([2 * dq[0] * dq[1] + dq[1] ** 2, -(dq[0] ** 2)])
     weight = np.array([(m[0] * c[0] + m[1] * l) * pull[0], 0.0]) + m[1] * c[1] * pull[1]
     return np.linalg.solve(mass, tau + turn + weight)
@@ -172,13 +176,19 @@ def lift_acceleration(q, dq, tau, down, m=(3.0, 0.8), c=0.2, i=0.012):
 
 
 TURNS = (-2.5, 2.5, 30.0, 12.0)
+ARM = Machine(
+    ("shoulder", "elbow"),
+    link("shoulder_link", 1.0, 0.15, 0.0075) + link("elbow_link", 0.6, 0.12, 0.00288)
+    + joint("shoulder", "base", "revolute", 0.0, "0 -1 0", TURNS)
+    + joint("elbow", "shoulder_link", "revolute", -0.3, "0 -1 0", TURNS),
+    arm_acceleration, kp=(40.0, 25.0), kd=(1.5, 0.8), size=(0.5, 0.7),
+)  # fmt: skip
+ROTOR = 0.01  # of each joint of the geared arm, behind its gear [kg·m²]
 MACHINES = {
-    "arm": Machine(
-        ("shoulder", "elbow"),
-        link("shoulder_link", 1.0, 0.15, 0.0075) + link("elbow_link", 0.6, 0.12, 0.00288)
-        + joint("shoulder", "base", "revolute", 0.0, "0 -1 0", TURNS)
-        + joint("elbow", "shoulder_link", "revolute", -0.3, "0 -1 0", TURNS),
-        arm_acceleration, kp=(40.0, 25.0), kd=(1.5, 0.8), size=(0.5, 0.7),
+    "arm": ARM,
+    "geared": replace(
+        ARM, acceleration=partial(arm_acceleration, rotor=ROTOR), kp=(20.0, 20.0), kd=(0.6, 0.6),
+        robot={"dynamics": {joint: {"armature": ROTOR} for joint in ARM.joints}},
     ),
     "pendulum": Machine(
         ("swing",),

@@ -55,6 +55,35 @@ def test_nothing_is_found_in_healthy_data(judged, name):
     assert judged(name) == []
 
 
+def drives(machine, *by):
+    """Values of robot.yaml whose gains a draft guessed, so many times those of the machine."""
+    machine = MACHINES[machine]
+    rows = zip(machine.joints, machine.kp, machine.kd, by, strict=True)
+    made = {j: {"kind": "impedance", "kp": b * kp, "kd": b * kd} for j, kp, kd, b in rows}
+    return {"drives": made, "guessed": ["drives"]}
+
+
+@pytest.mark.parametrize(
+    ("name", "by"), [("arm", (0.05, 0.02)), ("geared", (0.1, 4.0)), ("lift", (0.1, 0.04))]
+)
+def test_gains_that_a_draft_guessed_are_fitted_and_no_mistake(judged, mended, name, by):
+    (finding,) = judged(name, **drives(name, *by))
+    assert finding.fault == "guessed gains" and not finding.stops
+    assert finding.joints == MACHINES[name].joints and "guessed in robot.yaml" in finding.says
+    model, records = mended([finding])
+    assert family.look(model, records) == [] and Bench(model, records).miss() < LIMITS.missed
+
+
+@pytest.mark.parametrize(("name", "tilt"), [("geared", 0.14), ("arm", -0.2)])
+def test_a_slope_is_what_the_model_lacks_of_a_bench_that_is_inclined_a_little(
+    judged, tmp_path, name, tilt
+):
+    assert judged(name, about={"tilt": tilt}) == []
+    model, records = read(tmp_path / "set")
+    sloped = replace(model, effects=[{"name": "slope", "pitch": -tilt}])
+    assert Bench(sloped, records).miss() < 0.3 * Bench(model, records).miss()
+
+
 def effect(data):
     """A sensor's gain of 1.2 and a bias: what an effect may do."""
     data["q_elbow"] = 1.2 * data["q_elbow"] + 0.05
@@ -112,6 +141,8 @@ SIGNALS = [
 ]
 BOTH = [
     ("arm", both("elbow", DEGREE), {}, {"joint scale", "unit"}, ("elbow",)),
+    ("geared", both("shoulder", 0.4), {}, {"joint scale"}, ("shoulder",)),
+    ("geared", both("elbow", 3.0), {}, {"joint scale"}, ("elbow",)),
     ("arm", both("elbow", -1.0), {}, {"axis"}, ("elbow",)),
     ("arm", None, {"drives": GAINS}, {"gains"}, ("shoulder", "elbow")),
     ("arm", None, {"masses": {"shoulder_link": 16.0, "elbow_link": 6.0}}, {"masses"}, ()),

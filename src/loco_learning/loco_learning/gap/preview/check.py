@@ -34,7 +34,7 @@ from ..prediction.channels import ON_SLIDES
 from ..prediction.forward import Forward, ForwardParams
 from ..recordings import lags
 from ..recordings.record import Record
-from ..setup import family
+from ..setup import family, mend
 from ..setup.finding import Finding
 from ..verdict.decide import LIMITS
 from . import visible
@@ -76,6 +76,7 @@ def look(
     findings = family.look(model, records)
     if any(finding.stops for finding in findings):
         return plain(_setup(model, records, findings))
+    model = mend.model_mended(model, mend.changes_of(findings)) or model
     report(0.1, "running the model as it is")
     forward = Forward(model, records, ForwardParams(window=params.window))
     robots = [forward.robot(i) for i in range(len(records))]

@@ -22,6 +22,27 @@ from .limits import LIMITS
 POWERS = (1e-3, 0.1, 10.0, 1e3)  # factors of masses in g, or of another robot's file
 
 
+def drafted(bench: Bench) -> list[Finding]:
+    """Finding, which stops nothing, of gains that `robot new` guessed, fitted to the recordings."""
+    joints = stiff(bench) if "drives" in bench.robot.guessed else ()
+    if not joints or bench.free or bench.fits:
+        return []
+
+    def way(log_by: np.ndarray) -> tuple[Change, ...]:
+        by = zip(joints, np.exp(np.reshape(log_by, (-1, 2))), strict=True)
+        return tuple(c for j, pair in by for c in gained(bench, pair, (j,)))
+
+    best = np.zeros((len(joints), 2))
+    for some in (np.ones(len(joints)), *np.eye(len(joints))):  # all alike, then each by itself
+        tried = [best + by * some[:, None] for by in np.log(LIMITS.scales)]
+        best = min(tried, key=lambda x: bench.miss(*way(x)))
+    best = least_squares(lambda x: (bench(*way(x)) or bench()).misses(), best.ravel(),
+                         diff_step=0.05, max_nfev=10).x  # fmt: skip
+    says = f"the gains of {', '.join(joints)} are guessed in robot.yaml, and fitted here"
+    found = bench.settled("guessed gains", joints, says, [way(best)], whole=True)
+    return [replace(finding, stops=False) for finding in found]
+
+
 def axis(bench: Bench) -> list[Finding]:
     """Findings of up to two joints whose axis in the URDF is reversed."""
     joints = bench().joints
@@ -30,7 +51,8 @@ def axis(bench: Bench) -> list[Finding]:
         for some in itertools.combinations(joints, count):
             way = tuple(c for joint in some for c in lines(bench, joint, SIGN, -1, ""))
             trials.append((bench.miss(*way), some, way))
-        trials = sorted(trials, key=lambda t: t[0])[: count_alike(trials)]
+        least = min((miss for miss, _, _ in trials), default=0.0)
+        trials = [t for t in trials if t[0] < LIMITS.alike * least + 1e-3]
         some = tuple(dict.fromkeys(joint for _, some, _ in trials for joint in some))
         names = (" and " if len(trials) == 1 else " or ").join(some)
         says = (f"{names} turns the other way round in the URDF than in the recordings: weight and "
@@ -39,12 +61,6 @@ def axis(bench: Bench) -> list[Finding]:
         if found:
             return found
     return []
-
-
-def count_alike(trials: Sequence[tuple]) -> int:
-    """Number of trials with an error (first element) close to the smallest."""
-    misses = sorted(trial[0] for trial in trials)
-    return sum(miss < LIMITS.alike * misses[0] + 1e-3 for miss in misses) if misses else 0
 
 
 def joint_scale(bench: Bench) -> list[Finding]:
@@ -61,29 +77,23 @@ def joint_scale(bench: Bench) -> list[Finding]:
         by = float(np.exp(lowest(lambda x: bench.miss(*way(x)), np.log(LIMITS.scales))))
         if 1.0 / LIMITS.both < by < LIMITS.both:
             continue
-        units = [name for size, name in ((suspect.DEGREE, "deg"), (1e3, "mrad"))
-                 if abs(np.log(by / size)) < LIMITS.near]  # fmt: skip
-        if units:
-            ways = [lines(bench, joint, UNIT, units[0], "")]
-            says = f"q and command of {joint} are in {units[0]}"
-        else:
-            ways = [way(float(np.log(by)))]
-            says = (f"q and command of {joint} are {by:.3g} times those of the joint: a scale, "
-                    "or a reduction of the gear")  # fmt: skip
+        names = (name for size, name in ((suspect.DEGREE, "deg"), (1e3, "mrad"))
+                 if abs(np.log(by / size)) < LIMITS.near)  # fmt: skip
+        unit = next(names, "")
+        ways = [lines(bench, joint, UNIT, unit, "") if unit else way(float(np.log(by)))]
+        says = f"q and command of {joint} are " + (f"in {unit}" if unit else (
+            f"{by:.3g} times those of the joint: a scale, or a reduction of the gear"))  # fmt: skip
         found += bench.settled("joint scale", (joint,), says, ways, whole=True)
     return found
 
 
 def gravity(bench: Bench) -> list[Finding]:
     """Findings of a wrong direction of gravity, or of gravity that the drives compensate."""
-    before = bench.miss()
-    if before < LIMITS.missed:
-        return []
     carried = (Change(MODEL, "sim.gravity", 0.0),)
     says = "the model misses the weight: the drives carry it themselves, or nothing weighs"
     found = bench.settled("gravity carried", (), says, [carried], whole=True)
-    about = np.pi * np.array([-0.75, -0.5, -0.35, -0.2, 0.2, 0.35, 0.5, 0.75])
-    starts = [(0.0, 0.0), (np.pi, 0.0), *((x, 0.0) for x in about), *((0.0, x) for x in about)]
+    about = np.pi * np.array([0.0, 1.0, -0.75, -0.5, -0.35, -0.2, 0.2, 0.35, 0.5, 0.75])
+    starts = [*((x, 0.0) for x in about), *((0.0, x) for x in about[2:])]
 
     def tilted(x: Sequence[float]) -> tuple[Change, ...]:
         spec = {"name": "slope", "pitch": round(float(x[0]), 3), "roll": round(float(x[1]), 3)}
@@ -101,9 +111,8 @@ def gravity(bench: Bench) -> list[Finding]:
     tilt = bench.settled("gravity turned", (), turned, [tilted(near)], whole=True)
     if not tilt or bench.miss(*carried) > LIMITS.carried * bench.miss(*tilted(near)):
         return tilt or found
-    both = f"{says}; or {tilt[0].says}"
-    return [replace(tilt[0], fault="gravity carried", says=both, mends=carried,
-                    others=(tilted(near),))]  # fmt: skip
+    return [replace(tilt[0], fault="gravity carried", says=f"{says}; or {tilt[0].says}",
+                    mends=carried, others=(tilted(near),))]  # fmt: skip
 
 
 def weights(bench: Bench) -> list[Finding]:
@@ -112,9 +121,10 @@ def weights(bench: Bench) -> list[Finding]:
     for by in POWERS:
         ways = [heavier(bench, by)]
         if bench.led:
-            ways += [tuple(c for j in bench().joints for c in torques(j, by))]
+            told = MAPPING, SCALE, 1.0 / by, "command_torque"
+            ways += [tuple(Change(*told, joint) for joint in bench().joints)]
         elif stiff(bench):
-            ways += [gained(bench, 1.0 / by)]
+            ways += [gained(bench, (1.0 / by, 1.0 / by), stiff(bench))]
         says = f"all masses are {1.0 / by:g} times too large" if by < 1.0 else \
             f"all masses are {by:g} times too small"  # fmt: skip
         found += bench.settled("masses", (), f"{says} for this motion, or the torques are", ways,
@@ -127,7 +137,7 @@ def gains(bench: Bench) -> list[Finding]:
     found: list[Finding] = []
     for joints in (stiff(bench), *((joint,) for joint in stiff(bench))):
         for by in (suspect.DEGREE, 1.0 / suspect.DEGREE):
-            way = gained(bench, by, joints)
+            way = gained(bench, (by, by), joints)
             off = f"{max(by, 1.0 / by):.3g} times too {'small' if by > 1.0 else 'large'}"
             says = f"the gains of {', '.join(joints)} are {off}: per degree, not per radian"
             found += bench.settled("gains", tuple(joints), says, [way], whole=True)
@@ -142,18 +152,13 @@ def stiff(bench: Bench) -> tuple[str, ...]:
     return tuple(j for j in bench().joints if isinstance(drives.get(j), ImpedanceDrive))
 
 
-def gained(bench: Bench, by: float, joints: Sequence[str] = ()) -> tuple[Change, ...]:
-    """Changes that multiply the gains of impedance drives, of some joints or of all."""
+def gained(bench: Bench, by: Sequence[float], joints: Sequence[str]) -> tuple[Change, ...]:
+    """Changes that multiply kp and kd of the impedance drives of some joints by two factors."""
     return tuple(
-        Change(MODEL, f"drives.{joint}.{key}", by * getattr(bench.robot.drives[joint], key))
-        for joint in joints or stiff(bench)
-        for key in ("kp", "kd")
+        Change(MODEL, f"drives.{j}.{key}", float(size * getattr(bench.robot.drives[j], key)))
+        for j in joints
+        for key, size in zip(("kp", "kd"), by, strict=True)
     )
-
-
-def torques(joint: str, by: float) -> tuple[Change, ...]:
-    """Change that divides the commanded torque of a joint."""
-    return (Change(MAPPING, SCALE, 1.0 / by, "command_torque", joint),)
 
 
 def heavier(bench: Bench, by: float) -> tuple[Change, ...]:

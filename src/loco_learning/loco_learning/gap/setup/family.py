@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -20,12 +20,11 @@ from .bench import Bench, robot_of
 from .finding import Finding
 from .limits import LIMITS
 
-Test = Callable[[Bench], list[Finding]]
-TESTS: tuple[Test, ...] = (
-    *(signals.turns, commands.exchanged, commands.sign, commands.scale, signals.ahead),
+TESTS = (
+    *(bodies.drafted, signals.turns, commands.exchanged, commands.sign, commands.scale),
+    *(bodies.drafted, signals.ahead),
 )
-LAST: tuple[Test, ...] = (signals.effort,)
-RUNS: tuple[Test, ...] = (
+RUNS = (
     *(bodies.axis, bodies.joint_scale, bodies.gravity, bodies.weights, bodies.gains),
 )
 
@@ -41,26 +40,19 @@ def look(model: Model, records: Sequence[Record]) -> list[Finding]:
     bench = Bench(model, records, tuple(mend.changes_of(found)))
     if not bench.possible or not all(finding.mends for finding in found):
         return found  # no simulation is possible, or it would be of a wrong set-up
-    for test in TESTS:
-        new = test(bench)
+    rounds = 0 if bench.free else LIMITS.rounds
+    for test in (*TESTS, *(best,) * rounds, signals.effort):
+        new = test(bench) if all(finding.mends for finding in found) else []
         found += new
         bench = bench.mended(mend.changes_of(new))
-    if not all(finding.mends for finding in found):
-        return found
-    for _ in range(0 if bench.free else LIMITS.rounds):
-        new = best(bench)
-        found += new
-        bench = bench.mended(mend.changes_of(new))
-        if not new:
-            break
-    return [*found, *(finding for test in LAST for finding in test(bench))]
+    return found
 
 
 def _refuted(finding: Finding, model: Model, record: Record) -> bool:
     """True for a finding of degrees from the range alone that a simulation contradicts.
 
-    A joint may turn beyond the limits of its URDF. Its velocity is then within the limit of the
-    URDF, and the model does not fit better in degrees.
+    The model does not fit better in degrees, and the velocity is within the limit of the URDF or
+    another scale explains the motion.
     """
     roles = {change.role for change in finding.mends}
     if finding.fault != "unit" or not roles or roles - {"q", "command_position"}:
@@ -69,11 +61,13 @@ def _refuted(finding: Finding, model: Model, record: Record) -> bool:
     if record.has("dq") or bench.free or not bench.possible:
         return False
     text = Description(bench.robot.urdf)
-    for joint, q in zip(record.joints, record.signals["q"].T, strict=True):
-        allowed = text.velocity(joint) or LIMITS.fastest
-        if np.nanpercentile(np.abs(rates(q, record.dt)), 99.0) > allowed:
-            return False
-    return bench.miss(*finding.mends) > min(bench.miss() / LIMITS.better, LIMITS.left)
+    if bench.miss(*finding.mends) <= min(bench.miss() / LIMITS.better, LIMITS.left):
+        return False
+    slow = all(
+        np.nanpercentile(np.abs(rates(q, record.dt)), 99.0) <= (text.velocity(j) or LIMITS.fastest)
+        for j, q in zip(record.joints, record.signals["q"].T, strict=True)
+    )
+    return slow or any(test(bench) for test in (commands.scale, bodies.joint_scale))
 
 
 def best(bench: Bench) -> list[Finding]:
