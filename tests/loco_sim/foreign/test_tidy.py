@@ -46,6 +46,7 @@ def joints(made):
         ("prismatic", '<limit effort="3"/>', "prismatic", "slide ±1 m"),
         ("revolute", '<limit lower="wide" upper="1"/>', "revolute", ""),  # urdf_check names it
         ("planar", "", "fixed", "no drive moves a planar joint"),
+        ("prismatic", '<dynamics damping="1e11"/>', "fixed", "no drive overcomes"),
     ],
 )
 def test_a_joint_has_a_range_it_can_move_in(tmp_path, kind, limit, becomes, note):

@@ -11,6 +11,7 @@ from loco_control.exceptions import LocoError, MissingFileError, ParameterError
 from loco_control.types import MotionCommand
 from loco_sim.bolted.loop import Bolted, needs_engine
 from loco_sim.geometry import roll_pitch, rotation_matrix
+from loco_sim.new_robot import trial
 from loco_sim.new_robot.make import make
 from loco_sim.plant.simulation import Simulation
 from loco_sim.robot import robot as robots
@@ -278,3 +279,34 @@ def test_a_refusal_of_the_trial_leaves_nothing_behind(tmp_path):
     with pytest.raises(ParameterError, match="no gains were found: joint 'elbow' misses"):
         make(written(tmp_path, weak), tmp_path / "out")
     assert sorted(p.name for p in tmp_path.iterdir()) == ["cut.stl", "r.urdf"]
+
+
+def test_a_joint_that_no_gains_move_is_locked_with_those_that_mimic_it(tmp_path, monkeypatch):
+    inertia = '<inertia ixx="0.1" iyy="0.1" izz="0.1" ixy="0" ixz="0" iyz="0"/>'
+    inertial = f'<inertial><mass value="1"/>{inertia}</inertial>'
+    links = "".join(f'<link name="{name}">{inertial}</link>' for name in "abcd")
+    limit = '<axis xyz="1 0 0"/><limit lower="-1" upper="1" effort="50" velocity="5"/>'
+    joints = "".join(
+        f'<joint name="{name}" type="revolute"><parent link="{above}"/><child link="{below}"/>'
+        f"{more}{limit}</joint>"
+        for name, above, below, more in (
+            ("arm", "a", "b", ""), ("finger", "b", "c", ""),
+            ("thumb", "b", "d", '<mimic joint="finger"/>'),
+        )
+    )  # fmt: skip
+    (tmp_path / "hand.urdf").write_text(f'<robot name="hand">{links}{joints}</robot>')
+    swing = trial.swing
+
+    def stuck(robot, amplitude):
+        if "finger" in robot.joints:
+            return trial.Outcome("joint 'finger' misses its swing", missed=("finger",))
+        return swing(robot, amplitude)
+
+    monkeypatch.setattr(trial, "swing", stuck)
+    result = make(tmp_path / "hand.urdf", tmp_path / "hand")
+    assert robots.load(result.folder).joints == ("arm",)
+    assert any("no gains make them follow a swing: finger, thumb" in n for n in result.notes)
+    slips = trial.Outcome("joint 'arm' slips", missed=("arm",))
+    monkeypatch.setattr(trial, "swing", lambda robot, amplitude: slips)
+    with pytest.raises(ParameterError, match="no gains were found: joint 'arm' slips"):
+        make(result.folder / "hand.urdf", tmp_path / "again")

@@ -9,7 +9,7 @@ import numpy as np
 
 from ..bolted.tree import numbers, pose
 from ..robot.frames import set_pose, turns
-from ..robot.urdf_check import mass_of
+from ..robot.urdf_check import LARGEST, mass_of
 from .notes import Notes
 from .weight import FEATHER, robot_mass, weigh
 
@@ -80,9 +80,13 @@ def _range(joint: ET.Element, notes: Notes) -> None:
     ends = {"lower", "upper"} & set(given)
     try:
         low, high = (float(given.get(key, 0.0)) for key in ("lower", "upper"))
+        damping = [float(e.get("damping", 0.0)) for e in joint.findall("dynamics")]
     except ValueError:
         return
-    if ends and low == high != 0.0:
+    if max(damping, default=0.0) > LARGEST:  # with which some authors lock a joint
+        lock(joint, 0.0)
+        notes.add("locked, as a damping that no drive overcomes holds them", name)
+    elif ends and low == high != 0.0:
         lock(joint, low)
         notes.add("locked, as the limits are equal", name)
     elif not ends or low >= high:

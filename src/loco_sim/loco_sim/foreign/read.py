@@ -26,14 +26,10 @@ mjcf = lazy.module("loco_sim.world.mjcf")  # loaded lazily: only MJCF files need
 KEPT = ("link", "joint", "material")
 # Substitute for the ROS package index: packages in the environment or near the xacro file.
 PACKAGES = """
-import os
-import re
+import os, re
 from pathlib import Path
 
-
-class PackageNotFoundError(KeyError):
-    pass
-
+class PackageNotFoundError(KeyError): pass
 
 def get_package_share_directory(name):
     near = Path(os.environ["LOCO_NEAR"])
@@ -45,9 +41,8 @@ def get_package_share_directory(name):
         if folder.name == name or re.search(rf"<name>\\s*{re.escape(name)}\\s*</name>", text):
             places.append(folder)
         places.append(folder / name)
-    for place in places:
-        if place.is_dir():
-            return str(place)
+    for place in filter(Path.is_dir, places):
+        return str(place)
     raise PackageNotFoundError(f"there is no package {name} near {near}")
 """
 REFUSED = {
@@ -108,8 +103,7 @@ def _expanded(path: Path) -> str:
     Raises:
         ParameterError: xacro is not installed, or it fails.
     """
-    beside = Path(sys.executable).with_name("xacro")
-    command = shutil.which("xacro") or (str(beside) if beside.is_file() else None)
+    command = shutil.which("xacro") or shutil.which(Path(sys.executable).with_name("xacro"))
     by_hand = f"xacro {path} > robot.urdf"
     if command is None:
         raise ParameterError(
@@ -126,7 +120,7 @@ def _expanded(path: Path) -> str:
                 f"{path}: xacro did not end in {PATIENCE:g} s: {by_hand}"
             ) from None
     if done.returncode:
-        lines = [line.strip() for line in done.stderr.splitlines()]
+        lines = map(str.strip, done.stderr.splitlines())
         reasons = [line for line in lines if line and not line.startswith("when ")]
         raise ParameterError(f"{path}: xacro: {reasons[-1] if reasons else 'failed'}; {by_hand}")
     return done.stdout

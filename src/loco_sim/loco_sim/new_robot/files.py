@@ -27,7 +27,7 @@ from .gains import Gains
 from .picture import picture
 from .posture import Posture
 from .supports import Support
-from .trial import Outcome
+from .trial import STANDS, SWINGS, Outcome
 
 RATE = 250.0  # control rate [Hz]
 TILT = 0.8  # tilt beyond which a robot has fallen [rad]
@@ -209,7 +209,7 @@ class Folder:
     def _experiment(self, robot: robots.Robot) -> str:
         offset = ", ".join(f"{v + 0.0:.5g}" for v in robot.standing[robot.driven])
         if self._amplitude is None:
-            what, seconds, amplitude = "stands", 5.0, "0.0"
+            what, seconds, amplitude = "stands", STANDS, "0.0"
         else:
             order = [self._body.joints.index(robot.joints[i]) for i in robot.driven]
             what, seconds = "swings all joints", 10.0
@@ -236,26 +236,19 @@ class Folder:
         meshes = {m.get("filename") for m in draft.root.iter("mesh")}
         rows = [
             ("mass", f"{mass:.3g} kg", READ),
-            (
-                "joints",
-                f"{len(body.joints)}" + (f", {slides} of them slides" if slides else ""),
-                READ,
-            ),
+            ("joints", f"{len(body.joints)}" + f", {slides} of them slides" * bool(slides), READ),
             ("meshes", f"{len(meshes)}, left where they are" if meshes else "none", READ),
         ]
         if draft.turned:
             rows.append(("base frame", "; ".join(draft.turned), GUESSED))
         if draft.guessed_limits:
-            count = len(draft.guessed_limits)
-            rows.append(
-                ("limits", f"effort or velocity of {count} joints, from the weight", GUESSED)
-            )
+            text = f"effort or velocity of {len(draft.guessed_limits)} joints, from the weight"
+            rows.append(("limits", text, GUESSED))
         if posture is None:
             rows.append(("base", f"bolted {self._height:g} m above the ground", GUESSED))
         else:
-            kind = (
-                "wheels" if wheels == len(self._found) else "feet and wheels" if wheels else "feet"
-            )
+            some = "feet and wheels" if wheels else "feet"
+            kind = "wheels" if wheels == len(self._found) else some
             links = listed([s.link for s in self._found])
             rows.append(("base", f"floating, on {len(self._found)} {kind}: {links}", GUESSED))
             rows.append((
@@ -269,17 +262,17 @@ class Folder:
         driven = gains.kp[gains.kp > 0.0]
         kp = f"kp {driven.min():.3g} to {driven.max():.3g}, " if len(driven) else ""
         step = f", {gains.steps} sub-steps" if gains.steps > 1 else ""
-        rows.append(
-            ("gains", f"{kp}kd {gains.kd.min():.3g} to {gains.kd.max():.3g}{step}", GUESSED)
-        )
+        text = f"{kp}kd {gains.kd.min():.3g} to {gains.kd.max():.3g}{step}"
+        rows.append(("gains", text, GUESSED))
         if gains.armature.any():
             count = int((gains.armature > 0.0).sum())
             rows.append(("armature", f"of {count} joints that are too light for gains", GUESSED))
         gave = f"joints within {outcome.gave:.3f}, load at most {100.0 * outcome.load:.0f} %"
         if posture is None:
-            rows.append(("swings", f"2 s; {gave} of their effort", TRIED))
+            rows.append(("swings", f"{SWINGS:g} s; {gave} of their effort", TRIED))
         else:
-            rows.append(("stands", f"2 s; sinks {1e3 * outcome.sank:.1f} mm, {gave}", TRIED))
+            sank = f"sinks {1e3 * outcome.sank:.1f} mm"
+            rows.append(("stands", f"{STANDS:g} s; {sank}, {gave}", TRIED))
         return rows
 
 

@@ -161,15 +161,12 @@ def _posture(
     posture = Search(final, found, q, rng).find()
     size = final.size(q)
     if posture.uneven > LEVEL * size * 2.0:
-        draft.notes.append(
-            f"bolted, as no posture puts its feet level ({posture.uneven:.3f} m off)"
-        )
+        why = f"no posture puts its feet level ({posture.uneven:.3f} m off)"
+        draft.notes.append(f"bolted, as {why}")
         return None
     if posture.margin <= 0.0:
-        draft.notes.append(
-            f"bolted, as its centre of mass is {-posture.margin:.2f} m outside its "
-            f"{len(found)} points of support"
-        )
+        why = f"{-posture.margin:.2f} m outside its {len(found)} points of support"
+        draft.notes.append(f"bolted, as its centre of mass is {why}")
         return None
     return found, posture, size
 
@@ -232,13 +229,14 @@ def _bolted(draft: Draft, out: Path, rng: np.random.Generator) -> Result:
     with probe(draft.text(), draft.folder) as final:
         size = final.size(q)
     loads = body.weight_torque(q, [], limits.NO_FEET)
-    draft.guessed_limits = limits.guess(draft.root, body, loads, {}, size, rng)
+    draft.guessed_limits += limits.guess(draft.root, body, loads, {}, size, rng)
     effort, pace = draft.description().efforts(), 2.0 * np.pi * trial.SWING
     effort = np.array([effort[joint] for joint in body.joints])
     q, amplitude, notes = limits.held(body, q, amplitude, effort, pace)
     draft.notes += notes
     _mimic(draft, body, q, amplitude)
     height = _clear(draft, body, rng)
+    missed: list[tuple[str, ...]] = []
     for stiffer in STIFFER:
         gains = gain.choose(body, q, limits.NO_FEET, [], [], True, stiffer)
         with written(draft, out, body, q, gains, [], height, amplitude) as folder:
@@ -248,7 +246,16 @@ def _bolted(draft: Draft, out: Path, rng: np.random.Generator) -> Result:
             if not outcome.fault:
                 folder.keep()
                 return Result(out, folder.rows(outcome, None), draft.all_notes(), False)
-    raise ParameterError(f"{draft.urdf}: no gains were found: {outcome.fault}")
+            missed += [outcome.missed] * bool(outcome.missed)
+    stuck, led = min(missed, key=len, default=()), draft.description().mimics()
+    both = zip(body.joints, q, strict=True)
+    rest = {j: at for j, at in both if {j, led.get(j, (j,))[0]} & set(stuck)}
+    if not 0 < len(rest) < len(body.joints):
+        raise ParameterError(f"{draft.urdf}: no gains were found: {outcome.fault}")
+    draft.tidied.lock(rest, "locked, as no gains make them follow a swing")
+    draft.mimics = [joint for joint in draft.mimics if joint not in rest]
+    draft.notes = [note for note in draft.notes if note not in notes]
+    return _bolted(draft, out, rng)
 
 
 def _middle(body: Body) -> np.ndarray:

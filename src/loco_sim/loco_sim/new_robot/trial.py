@@ -15,7 +15,7 @@ from ..geometry import roll_pitch, rotation_matrix
 from ..plant.simulation import Simulation
 from ..robot import robot as robots
 
-DURATION = 2.0  # duration of a trial [s]
+STANDS, SWINGS = 5.0, 2.0  # durations of a trial [s]; a robot stands as long in its experiment
 QUIET = 0.5  # at its end the robot must be at rest for this time [s]
 FLAT = 0.2  # minimum base height used for the tolerances, share of the size
 SINKS = 0.15  # largest sinking of the base, share of its height
@@ -35,16 +35,18 @@ class Outcome:
         sank: Distance that the base sank [m].
         gave: Largest position error of a joint, RMS for a swing [rad or m].
         load: Largest joint torque / effort limit [-].
+        missed: Joints that do not follow their swing.
     """
 
     fault: str
     sank: float = 0.0
     gave: float = 0.0
     load: float = 0.0
+    missed: tuple[str, ...] = ()
 
 
 def stand(robot: robots.Robot, size: float) -> Outcome:
-    """Hold the standing posture for `DURATION`.
+    """Hold the standing posture for `STANDS`.
 
     Args:
         robot: The robot.
@@ -54,7 +56,7 @@ def stand(robot: robots.Robot, size: float) -> Outcome:
     try:
         with Simulation(robot=robot) as plant:
             start = plant.ground_truth().position[2]
-            for k in range(round(DURATION / plant.dt)):
+            for k in range(round(STANDS / plant.dt)):
                 zero_speed = np.zeros(len(robot.joints))
                 state = plant.step(MotionCommand(k, k * plant.dt, robot.standing, zero_speed))
                 truth = plant.ground_truth()
@@ -83,7 +85,7 @@ def stand(robot: robots.Robot, size: float) -> Outcome:
 
 
 def swing(robot: robots.Robot, amplitude: np.ndarray) -> Outcome:
-    """Swing all joints about the standing posture for `DURATION`.
+    """Swing all joints about the standing posture for `SWINGS`.
 
     Args:
         robot: A robot with a fixed base.
@@ -92,7 +94,7 @@ def swing(robot: robots.Robot, amplitude: np.ndarray) -> Outcome:
     w, missed, load = 2.0 * np.pi * SWING, [], 0.0
     try:
         with Simulation(robot=robot) as plant:
-            for k in range(round(DURATION / plant.dt)):
+            for k in range(round(SWINGS / plant.dt)):
                 t = k * plant.dt
                 grown, growth = (t, 1.0) if t < 1.0 else (1.0, 0.0)
                 q = robot.standing + grown * amplitude * np.sin(w * t)
@@ -110,7 +112,8 @@ def swing(robot: robots.Robot, amplitude: np.ndarray) -> Outcome:
     if rms[i_max] > FOLLOWS * size[i_max]:
         name = robot.joints[i_max]
         fault = f"joint {name!r} misses its swing of {size[i_max]:.2g} by {rms[i_max]:.2g}"
-        return Outcome(fault, 0.0, float(rms.max()), load)
+        failed = zip(robot.joints, rms > FOLLOWS * size, strict=True)
+        return Outcome(fault, 0.0, float(rms.max()), load, tuple(n for n, far in failed if far))
     return Outcome("", 0.0, float(rms.max()), load)
 
 

@@ -205,8 +205,9 @@ def _joint_numbers(joint: ET.Element) -> Iterator[str]:
         for key in () if element is None else keys:
             text = element.get(key)
             value = 0.0 if text is None else _number(text)
-            if not 0.0 <= value <= (LARGEST if tag == "dynamics" else math.inf):
-                yield f"{what}: {key} must be a number of at least 0, got {text!r}"
+            most = LARGEST if tag == "dynamics" else math.inf
+            if not 0.0 <= value <= most:
+                yield f"{what}: {key} must be a number of at least 0, below {most:g}, got {text!r}"
     limit = joint.find("limit")
     if limit is None and kind != "continuous":
         yield f"{what} is of type {kind!r} and needs a <limit>; `loco robot new` gives it one"

@@ -440,14 +440,16 @@ class World(world.World):
             kinetic += 0.5 * float(np.dot(moments, np.square(principal_spin)))
         return potential, kinetic
 
-    def _mass_matrix(
-        self, q: Sequence[float]
-    ) -> tuple[np.ndarray, list[int], list[int], list[int]]:
+    def _mass_matrix(self, q: Sequence[float]) -> world.MassMatrix:
         position = dict(zip(self._joints, map(float, q), strict=True))
         moving = [position.get(j, 0.0) for j in self._moving]
         base = 0 if self.robot.fixed_base else 6
         row = {j: base + k for k, j in enumerate(self._moving)}
-        mass = self._client.calculateMassMatrix(self._body, moving)
+        try:
+            mass = self._client.calculateMassMatrix(self._body, moving)
+        except SystemError:
+            text = "its inertias are too large for PyBullet; MuJoCo takes them"
+            raise ParameterError(text) from None
         hinge_rows = [row[self._links[link]] for link in self.hinges]
         return np.array(mass), [row[j] for j in self._joints], list(range(base)), hinge_rows
 

@@ -372,9 +372,7 @@ class World(world.World):
         potential = -float(m.body_mass @ (data.xipos @ np.array(self.pull)))
         return potential, 0.5 * float(data.qvel @ mass @ data.qvel)
 
-    def _mass_matrix(
-        self, q: Sequence[float]
-    ) -> tuple[np.ndarray, list[int], list[int], list[int]]:
+    def _mass_matrix(self, q: Sequence[float]) -> world.MassMatrix:
         data = mujoco.MjData(self._model)
         data.qpos[:] = self._data.qpos
         data.qpos[self._q_at] = q

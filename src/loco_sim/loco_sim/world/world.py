@@ -153,6 +153,9 @@ class Setting:
         return self.contact.get(link, default)
 
 
+MassMatrix = tuple[np.ndarray, list[int], list[int], list[int]]
+
+
 class World(Setting, ABC):
     """Simulated world with one robot on the ground.
 
@@ -376,7 +379,5 @@ class World(Setting, ABC):
         """Height of the lowest foot's underside [m]."""
 
     @abstractmethod
-    def _mass_matrix(
-        self, q: Sequence[float]
-    ) -> tuple[np.ndarray, list[int], list[int], list[int]]:
+    def _mass_matrix(self, q: Sequence[float]) -> MassMatrix:
         """Joint-space mass matrix, and the row indices of joints, base and hinges."""

@@ -35,7 +35,7 @@ The folder holds
 Read from URDF, xacro or MJCF: joints, limits, masses, shapes. Guessed: what it stands on and
 which way is up, a posture with level feet and the mass over them, gains that carry the weight and are
 stable at the physics step, limits that are missing or 0, legs for the gait generator. The
-robot is then tried in the engine for 2 s, and nothing is written unless it stands or swings.
+robot is tried in the engine; nothing is written unless it stands for 5 s or swings for 2 s.
 
   loco robot new go1.urdf --out go1
   loco run go1/experiment.yaml
