@@ -166,6 +166,8 @@ def test_a_robot_yaml_with_an_unknown_joint_is_refused(tmp_path):
         ({"height": "high"}, "height must be a number"),
         ({"joints": "spring"}, "joints must be a list"),
         ({"joints": ["spring", "spring"]}, "without repeats"),
+        ({"guessed": "drives"}, "guessed must be a list"),
+        ({"guessed": ["drives", 3]}, "named 3; available: .*drives"),
         ({"springs": ["spring"]}, "springs must be a mapping"),
         ({"springs": {"spring": 3}}, "springs.spring must be a mapping"),
         ({"sensors": {"hall": 3}}, "sensors.hall must be a mapping"),

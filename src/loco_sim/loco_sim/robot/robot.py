@@ -417,7 +417,7 @@ def _parsed(path: Path, written: int) -> dict[str, Any]:
             raise ParameterError(
                 f"{path}: {key} must be a list without repeats, got {shown(listed)}"
             )
-    for key in values:
+    for key in (*values, *(values.get("guessed") or ())):
         if key not in allowed:
             raise NameUnknownError(f"key in {path}", key, allowed)
     return values
