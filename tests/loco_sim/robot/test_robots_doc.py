@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""docs/robots.md: its example runs as printed and its tables name what there is."""
+"""docs/robots.md and robot_yaml.md: examples run as printed, tables name what there is."""
 
 import dataclasses
 import re
@@ -13,7 +13,8 @@ from loco_sim.robot.sensors import EncoderParams, HallParams, ImuParams, SensorP
 from loco_sim.robot.servo import DRIVES
 from loco_sim.robot.spring import KINDS, SpringParams
 
-PAGE = (Path(__file__).parents[3] / "docs" / "robots.md").read_text()
+DOCS = Path(__file__).parents[3] / "docs"
+PAGE = (DOCS / "robots.md").read_text() + (DOCS / "robot_yaml.md").read_text()
 BLOCKS = re.findall(r"```(\w+)\n(.*?)```", PAGE, re.DOTALL)
 
 

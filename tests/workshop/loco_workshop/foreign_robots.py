@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Table of docs/robots.md: result of `loco robot new` and of its experiment for each named file.
+"""Table of docs/robots_tried.md: results of `loco robot new` and its experiment, file by file.
 
 .venv/bin/python tests/workshop/loco_workshop/foreign_robots.py FILE ...
 """

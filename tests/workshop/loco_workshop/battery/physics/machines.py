@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Nominal robots of the battery, defined independently of loco's robot files.
 
-Sources are docs/robots.md and the URDFs. Drives, springs and sensors are repeated here and not
-taken from the plant, so that an error there appears as a gap.
+Sources are docs/tigrillo.md, docs/robot_yaml.md and the URDFs. Drives, springs and sensors are
+repeated here and not taken from the plant, so that an error there appears as a gap.
 """
 
 from __future__ import annotations
@@ -162,7 +162,7 @@ def hyq_leg() -> Machine:
     )  # fmt: skip
 
 
-HALL = {  # angles [°] and counts, docs/robots.md
+HALL = {  # angles [°] and counts, docs/tigrillo.md
     "lf": ((40, 49, 55, 60, 70, 80, 90, 100, 110, 120, 180),
            (0, 1300, 1810, 2205, 2640, 2800, 2870, 2910, 2931, 2940, 3200)),
     "rf": ((40, 56, 60, 70, 80, 90, 100, 110, 120, 180),

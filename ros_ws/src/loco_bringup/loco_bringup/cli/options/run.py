@@ -41,7 +41,7 @@ robot is tried in the engine; nothing is written unless it stands for 5 s or swi
   loco run go1/experiment.yaml
   loco gap experiments go1      experiments that excite it, to compare with recordings
 
-docs/robots.md says what each line of robot.yaml means.
+docs/robot_yaml.md says what each line of robot.yaml means.
 """
 
 
