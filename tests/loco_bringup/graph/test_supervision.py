@@ -5,12 +5,16 @@ import os
 import signal
 import subprocess
 import sys
+import threading
 import time
 from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
+import rclpy
 import yaml
+from diagnostic_msgs.msg import DiagnosticArray
+from rclpy.signals import SignalHandlerOptions
 
 from loco_bringup.bag.reader import Bag
 from loco_bringup.graph import node_set, shm
@@ -20,6 +24,7 @@ from loco_bringup.graph.processes import Guard, Process, Restart, stop_all
 from loco_bringup.graph.watch import Watch
 from loco_bringup.outcome import KEPT
 from loco_control.exceptions import GraphError, ParameterError
+from loco_control.ros.parameters import sealed_node
 from loco_learning.runs.experiment import load
 from loco_workshop.stress.traces import opened_by
 
@@ -263,3 +268,38 @@ def test_a_supervisor_keeps_the_newest_events_only(tmp_path):
         watch.on_event("", SimpleNamespace(kind="timeout", tick=tick, text="", node="robot_sim"))
     ticks = [event.tick for _, event in watch._progress.events]
     assert ticks == list(range(5, KEPT + 5))
+
+
+def test_ctrl_c_within_a_message_ends_the_run_after_it(tmp_path):
+    """A KeyboardInterrupt within a message became a RuntimeError in the executor's C++."""
+    watch = Watch([], tmp_path, 1.0, lambda progress: None, {"": "hyq"})
+    calls, done, handler = [], threading.Event(), signal.getsignal(signal.SIGINT)
+
+    def on_diagnostics(array):
+        calls.append("begins")
+        os.kill(os.getpid(), signal.SIGINT)
+        for _ in range(1000):
+            pass  # the signal is delivered here
+        calls.append("ends")
+
+    watch.on_diagnostics = on_diagnostics
+    context = rclpy.Context()
+    rclpy.init(args=[], context=context, signal_handler_options=SignalHandlerOptions.NO)
+    node = sealed_node("speaker", context=context)
+    publisher = node.create_publisher(DiagnosticArray, "/diagnostics", 10)
+
+    def speak():
+        while not done.wait(0.05):
+            publisher.publish(DiagnosticArray())
+
+    thread = threading.Thread(target=speak)
+    thread.start()
+    try:
+        outcome = watch.run()
+    finally:
+        done.set()
+        thread.join()
+        node.destroy_node()
+        context.try_shutdown()
+    assert outcome.interrupted and calls[:2] == ["begins", "ends"]
+    assert signal.getsignal(signal.SIGINT) is handler

@@ -5,10 +5,12 @@ from __future__ import annotations
 
 import contextlib
 import math
+import signal
 import time
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from threading import current_thread, main_thread
 from typing import Any
 
 import rclpy
@@ -246,7 +248,11 @@ class _Listener:
         self._watch, self._namespaces = watch, namespaces
 
     def __enter__(self) -> _Listener:
-        # Ctrl-C must raise KeyboardInterrupt here and leave the context valid.
+        # Ctrl-C becomes a KeyboardInterrupt between messages, while the context is valid: within a
+        # message, the executor's C++ would make a RuntimeError of it.
+        self._interrupted, self._handler = False, signal.getsignal(signal.SIGINT)
+        if self._handler is signal.default_int_handler and current_thread() is main_thread():
+            signal.signal(signal.SIGINT, self._interrupt)
         self._context = rclpy.Context()
         rclpy.init(args=[], context=self._context, signal_handler_options=SignalHandlerOptions.NO)
         self._node = sealed_node("supervisor", context=self._context)
@@ -280,8 +286,15 @@ class _Listener:
         end = time.monotonic() + 0.1
         while (remaining := end - time.monotonic()) > 0.0:
             self._executor.spin_once(timeout_sec=remaining)  # leaves no pending tasks
+            if self._interrupted:
+                raise KeyboardInterrupt
+
+    def _interrupt(self, *_: object) -> None:
+        self._interrupted = True
 
     def __exit__(self, *_: object) -> None:
+        if signal.getsignal(signal.SIGINT) == self._interrupt:
+            signal.signal(signal.SIGINT, self._handler)
         self._executor.shutdown()  # first: it uses the node
         self._node.destroy_node()
         self._context.try_shutdown()
