@@ -93,7 +93,7 @@ def _of_field(f: dataclasses.Field, hint: Any) -> Schema:
         value = {"type": "array", "items": each, **size}
     else:
         value = _of_scalar(default, f.metadata)
-    has_default = default is not dataclasses.MISSING and not _endless(default)
+    has_default = default is not dataclasses.MISSING and default not in (math.inf, -math.inf)
     displayed = list(default) if isinstance(default, tuple) else default
     return value | _about(f) | ({"default": displayed} if has_default else {})
 
@@ -106,11 +106,6 @@ def _of_scalar(default: Any, meta: Mapping[str, Any]) -> Schema:
     kind = "integer" if isinstance(default, int) else "number"
     bounds = {"minimum": meta.get("low"), "maximum": meta.get("high")}
     return {"type": kind, **{key: end for key, end in bounds.items() if end is not None}}
-
-
-def _endless(default: Any) -> bool:
-    """Whether a default is infinite, which JSON cannot represent."""
-    return isinstance(default, float) and math.isinf(default)
 
 
 def _about(f: dataclasses.Field) -> Schema:
@@ -136,10 +131,6 @@ def _nullable(*several: Schema) -> Schema:
 def _by_name(each: Schema, what: str) -> Schema:
     """Schema of a mapping whose keys are names or fnmatch patterns."""
     return {**MAPPING, "description": f"by {what}, or pattern", "additionalProperties": each}
-
-
-def _one_or_list(each: Schema) -> Schema:
-    return {"anyOf": [each, {"type": "array", "items": each}]}
 
 
 def _effects() -> Schema:
@@ -288,7 +279,7 @@ def _mapping_file() -> Schema:
     keys = {
         "format": {"const": mapping.FORMAT},
         "description": TEXT,
-        "files": _one_or_list(TEXT),
+        "files": {"anyOf": [TEXT, TEXTS]},
         "samples": TEXT,
         "time": _mapping({"column": TEXT, "unit": TEXT, "rate": number}),
         "rate": number,

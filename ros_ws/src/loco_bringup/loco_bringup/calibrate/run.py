@@ -137,7 +137,7 @@ def compare(job: Job, model: Model) -> list[results.Comparison]:
     recordings = (job.recording, *job.validation)
     for recording, options in zip(recordings, _options(job.options, len(recordings)), strict=True):
         reference = Reference(recording, base, options)
-        before = reference.evaluate(_default(options))
+        before = reference.evaluate(parameter_set(options.parameters).default)
         after = reference.compare(model)
         rows.append(results.comparison(recording.name, not rows, before, after))
     return rows
@@ -158,10 +158,6 @@ def write(result: results.Result, model: Model, folder: Path) -> None:
     model.save(folder / "model.yaml")
     write_page(result, model, folder / "calibration.html")
     result.save(folder)
-
-
-def _default(options: CalibrationParams) -> dict[str, float]:
-    return parameter_set(options.parameters).default
 
 
 def _options(options: CalibrationParams, count: int) -> list[CalibrationParams]:

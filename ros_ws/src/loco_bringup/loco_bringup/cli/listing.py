@@ -51,7 +51,7 @@ def _studies() -> tuple[str, tuple, list]:
 
 
 def _effects() -> tuple[str, tuple, list]:
-    rows = [(name, _first_line(effects.EFFECTS[name])) for name in effects.names()]
+    rows = [(name, effects.EFFECTS[name].__doc__.splitlines()[0]) for name in effects.names()]
     return "Effects (effects: [{name: ...}] in an experiment)", ("name", "what it does"), rows
 
 
@@ -91,10 +91,6 @@ _LISTS: dict[str, Callable[[], tuple[str, tuple, list]]] = {
     "topics": _topics,
     "bags": _bags,
 }
-
-
-def _first_line(thing: type) -> str:
-    return (thing.__doc__ or "").strip().splitlines()[0]
 
 
 def show_schema(a: argparse.Namespace) -> int:

@@ -43,10 +43,10 @@ def tables(view: View) -> dict[str, dict[str, Topic]]:
     """Best matching topic table of each namespace in which a graph runs."""
     result = {}
     for space in view.namespaces():
-        endpoints = {(e.topic, e.node.rpartition("/")[2]) for e in view.endpoints}
+        ends = {(e.topic, e.node.rpartition("/")[2]) for e in view.endpoints}
         scores = {
             name: sum(
-                (full(space, r.name), w) in endpoints for r in _paced(t) for w in _endpoints(r)
+                (full(space, r.name), w) in ends for r in _paced(t) for w in (r.writer, *r.readers)
             )
             for name, t in TABLES.items()
         }
@@ -63,10 +63,6 @@ def full(space: str, name: str) -> str:
 
 def _paced(table: dict[str, Topic]) -> list[Topic]:
     return [row for row in table.values() if row.paced]
-
-
-def _endpoints(row: Topic) -> tuple[str, ...]:
-    return (row.writer, *row.readers)
 
 
 # ---- the checks

@@ -122,17 +122,14 @@ def read_live(bag: Bag) -> LiveRun:
         bag, experiments, joints, measured,
         _periods(robots[MODEL], joints, settle_time, first),
         _periods(robots[MODEL], joints, last + 0.5 * settle_time, np.inf),
-        swaps, _gap(bag), bag.messages(_said(bag)),
+        swaps, np.array([(_time(m), m.gap, m.model, m.mixed) for m in bag.messages("/gap")]),
+        bag.messages(_said(bag)),
     )  # fmt: skip
 
 
 def _swaps(bag: Bag) -> np.ndarray:
     events = bag.messages(f"/{MODEL}/events")
     return np.array([_time(e) for e in events if e.kind == "model loaded"])
-
-
-def _gap(bag: Bag) -> np.ndarray:
-    return np.array([(_time(m), m.gap, m.model, m.mixed) for m in bag.messages("/gap")])
 
 
 def _time(message) -> float:
