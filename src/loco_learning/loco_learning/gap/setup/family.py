@@ -21,12 +21,10 @@ from .finding import Finding
 from .limits import LIMITS
 
 TESTS = (
-    *(bodies.drafted, signals.turns, commands.exchanged, commands.sign, commands.scale),
-    *(bodies.drafted, signals.ahead),
-)
-RUNS = (
-    *(bodies.axis, bodies.joint_scale, bodies.gravity, bodies.weights, bodies.gains),
-)
+    bodies.drafted, signals.turns, commands.exchanged, commands.sign, commands.scale,
+    bodies.drafted, signals.ahead,
+)  # fmt: skip
+RUNS = (bodies.axis, bodies.joint_scale, bodies.gravity, bodies.weights, bodies.gains)
 
 
 def look(model: Model, records: Sequence[Record]) -> list[Finding]:
