@@ -6,13 +6,17 @@ from __future__ import annotations
 from argparse import ArgumentParser
 from pathlib import Path
 
+from .registry import group
 from .run import split
+
+command = group("Record and read bags")
 
 
 def _bag(p: ArgumentParser) -> None:
     p.add_argument("bag", type=Path, help="bag folder or .mcap file")
 
 
+@command("record", "cli.logs:record", "record topics of any running graph to a bag")
 def record(p: ArgumentParser) -> None:
     """Options of `loco record`."""
     p.description += (
@@ -29,6 +33,10 @@ def record(p: ArgumentParser) -> None:
     split(p)
 
 
+@command("replay --verify", "record.verify_terminal:verify_bag",
+         "compare what live controllers answer with the bag, byte for byte")  # fmt: skip
+@command("replay", "cli.logs:replay",
+         "publish a bag's topics again, or test live controllers with it")  # fmt: skip
 def replay(p: ArgumentParser) -> None:
     """Options of `loco replay`."""
     p.description += (
@@ -56,6 +64,7 @@ def replay(p: ArgumentParser) -> None:
     v.add_argument("--json", type=Path, help="write the differences to this file too")
 
 
+@command("info", "cli.bags:info", "show what a bag holds")
 def info(p: ArgumentParser) -> None:
     """Options of `loco info`."""
     _bag(p)
@@ -63,6 +72,7 @@ def info(p: ArgumentParser) -> None:
     p.add_argument("--json", action="store_true", help="print JSON")
 
 
+@command("report", "report.terminal:show_report", "write one self-contained HTML page about a bag")
 def report(p: ArgumentParser) -> None:
     """Options of `loco report`."""
     _bag(p)
@@ -70,6 +80,8 @@ def report(p: ArgumentParser) -> None:
     p.add_argument("--no-gif", action="store_true", help="leave the animation out (faster)")
 
 
+@command("compare", "report.compare:show_comparison", "write a page with two or more runs on the "
+         "same axes, and what differs beyond noise")  # fmt: skip
 def compare(p: ArgumentParser) -> None:
     """Options of `loco compare`."""
     p.add_argument("bag", type=Path, nargs="+", help="bags of one robot, the reference first")
@@ -77,6 +89,10 @@ def compare(p: ArgumentParser) -> None:
                    help="HTML file (default compare.html here)")  # fmt: skip
 
 
+@command("view --layouts", "view.layouts_terminal:show_layouts",
+         "write layouts for Foxglove and RViz")  # fmt: skip
+@command("view", "view.terminal:show_view", "show bags or a gap in Rerun: legs move, forces, "
+         "curves; all but the first are ghosts")  # fmt: skip
 def view(p: ArgumentParser) -> None:
     """Options of `loco view`."""
     p.add_argument("bag", type=Path, nargs="*",
@@ -86,6 +102,7 @@ def view(p: ArgumentParser) -> None:
                    help="write layouts for Foxglove and RViz (default: into layouts/)")  # fmt: skip
 
 
+@command("recover", "cli.bags:recover", "make a whole bag of a damaged or unfinished one")
 def recover(p: ArgumentParser) -> None:
     """Options of `loco recover`."""
     p.description += (
@@ -96,6 +113,7 @@ def recover(p: ArgumentParser) -> None:
     p.add_argument("--out", type=Path, help="new bag folder (default BAG_recovered)")
 
 
+@command("export", "cli.bags:export", "write topics of a bag as CSV or NumPy files")
 def export(p: ArgumentParser) -> None:
     """Options of `loco export`."""
     p.description += (
@@ -107,6 +125,7 @@ def export(p: ArgumentParser) -> None:
     p.add_argument("--topics", nargs="+", help="only these topics")
 
 
+@command("extract", "cli.bags:extract", "copy some topics of a bag into a smaller bag")
 def extract(p: ArgumentParser) -> None:
     """Options of `loco extract`."""
     _bag(p)

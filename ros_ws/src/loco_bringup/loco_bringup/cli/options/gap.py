@@ -6,7 +6,10 @@ from __future__ import annotations
 from argparse import SUPPRESS, ArgumentParser
 from pathlib import Path
 
-from .run import engine
+from .registry import group
+from .run import SCHEDULER, engine
+
+command = group("Find out why a model and a robot differ")
 
 MORE = """
 
@@ -28,6 +31,10 @@ def add_out(p: ArgumentParser, text: str) -> None:
     p.add_argument("--output", dest="out", type=Path, help=SUPPRESS)
 
 
+@command("gap --live", "live.gap_terminal:show_live",
+         "the same with two robots that run, over topics")  # fmt: skip
+@command("gap", "gap.terminal:show_gap",
+         "find where a model and recordings differ, and name the cause")  # fmt: skip
 def search(p: ArgumentParser) -> None:
     """Options of `loco gap BAG...`."""
     p.description += MORE
@@ -61,6 +68,8 @@ def search(p: ArgumentParser) -> None:
                    help="--live: at most this x real time, 0 for no limit")  # fmt: skip
 
 
+@command("gap check", "gap.check:show_check",
+         "say what recordings can tell before a search, in half a minute")  # fmt: skip
 def check(p: ArgumentParser) -> None:
     """Options of `loco gap check`."""
     p.description += """
@@ -81,6 +90,8 @@ Exit code 2 where a recording is refused."""
     add_out(p, "folder of the page (default results/check_BAG)")
 
 
+@command("gap mapping", "gap.drafts.terminal:show_draft", "draft a mapping: what the columns or "
+         "topics of a recording probably are, and why")  # fmt: skip
 def draft(p: ArgumentParser) -> None:
     """Options of `loco gap mapping`."""
     p.description += """
@@ -93,6 +104,8 @@ a guess is no measurement."""
     p.add_argument("--out", type=Path, metavar="YAML", help="file to write (default: print it)")
 
 
+@command("gap next", "gap.terminal:show_next",
+         "write the experiment that would tell the leading explanations apart")  # fmt: skip
 def next_experiment(p: ArgumentParser) -> None:
     """Options of `loco gap next`."""
     p.add_argument("folder", type=Path, help="folder of results of `loco gap`")
@@ -100,12 +113,16 @@ def next_experiment(p: ArgumentParser) -> None:
     p.add_argument("--out", type=Path, help="YAML file (default DIR/next_EXPERIMENT.yaml)")
 
 
+@command("gap experiments", "gap.terminal:show_library",
+         "write experiments that excite a robot, within its limits")  # fmt: skip
 def experiments(p: ArgumentParser) -> None:
     """Options of `loco gap experiments`."""
     p.add_argument("robot", help="robot, robot.yaml or model.yaml")
     add_out(p, "folder of the experiments (default experiments/ROBOT)")
 
 
+@command("export-model", "export_model.terminal:show_export",
+         "write a model for MuJoCo, URDF readers, Isaac Lab, PACE or ros2_control")  # fmt: skip
 def export_model(p: ArgumentParser) -> None:
     """Options of `loco export-model`."""
     p.description += """
@@ -123,26 +140,34 @@ recordings that were held out are replayed in MuJoCo alone."""
     add_out(p, "folder (default exports/ROBOT_TARGET)")
 
 
-def battery(p: ArgumentParser) -> None:
-    """Options of `loco gap battery`."""
-    p.description += "\n\nMakes cases with a hidden effect, runs the workflow on their bags, " \
-        "scores it."  # fmt: skip
-    p.add_argument("--cases", type=int, default=20, help="number of cases (default 20)")
-    p.add_argument("--seed", type=int, default=1, help="seed of everything drawn (default 1); "
-                   "below 1000 for development")  # fmt: skip
-    p.add_argument("--robots", nargs="+", default=[], metavar="NAME", help="default: all that are "
-                   "held; hyq_trot and a1_trot walk, and take minutes a case")  # fmt: skip
-    p.add_argument("--effects", nargs="+", default=[], metavar="NAME",
-                   help="only single effects, of these names or patterns")  # fmt: skip
+@command("calibrate --live", "live.terminal:show_live",
+         "the same with a running model and a running robot")  # fmt: skip
+@command("calibrate", "calibrate.terminal:show_calibration",
+         "fit a robot's body to a recorded bag (thesis chapter 5, resumable)")  # fmt: skip
+def calibrate(p: ArgumentParser) -> None:
+    """Options of `loco calibrate`."""
+    engine(p)
+    p.description += (
+        "\n\nThe bag holds joint_states and joint_command of a robot whose driven joints were\n"
+        "moved periodically. Writes model.yaml, calibration.json, tables, figures and a page."
+    )
+    p.add_argument("bag", type=Path, nargs="?", help="bag folder or .mcap file")
+    p.add_argument("--robot", default="tigrillo", help="robot, robot.yaml or model.yaml")
+    p.add_argument(
+        "--parameters", default="seven", help="seven (eq. 5.1), ten (author's) or legs (HyQ)"
+    )
+    p.add_argument("--loss", default="thesis", help="thesis (eq. 5.4) or author (normalised)")
+    p.add_argument("--seeds", type=int, default=5, help="searches (default 5)")
+    p.add_argument("--seed", type=int, default=0, help="seed of the first search")
+    p.add_argument("--generations", type=int, help="most generations of a search")
+    p.add_argument("--validate", type=Path, nargs="*", default=[], metavar="BAG",
+                   help="recordings that are compared but not fitted")  # fmt: skip
+    p.add_argument("--out", type=Path, help="results folder (default results/calibration_BAG)")
     p.add_argument("--workers", type=int, default=2, help="processes (default 2)")
-    p.add_argument("--limit", type=float, default=900.0, help="seconds per case (default 900)")
-    p.add_argument("--baselines", nargs="*", metavar="NAME",
-                   help="everything, sparse, cma, sysid (default: all, sysid if "
-                   "`./loco install battery` was run; none of robots that walk)")  # fmt: skip
-    p.add_argument("--follow", action="store_true", help="where the verdict is ambiguous, run the "
-                   "experiment that it proposes on the robot, and look again")  # fmt: skip
-    p.add_argument("--settings", type=int, default=0, metavar="N", help="ask each name again under "
-                   "N of 26 other settings: pieces of 0.5 or 2 s, another record that judges, an "
-                   "accuracy of 1 or 3 %% (default 0)")  # fmt: skip
-    p.add_argument("--bags-only", action="store_true", help="make the cases, run nothing")
-    add_out(p, "folder of the battery (default results/gap_battery_SEED)")
+    p.add_argument("--scheduler", default="", help=SCHEDULER)
+    p.add_argument("--live", action="store_true",
+                   help="no bag: start a surrogate robot and a model, fit over topics")  # fmt: skip
+    p.add_argument("--measured", default="surrogate_sine", metavar="EXPERIMENT",
+                   help="--live: the robot that stands for the real one")  # fmt: skip
+    p.add_argument("--speed", type=float, default=1.0,
+                   help="--live: at most this x real time, 0 for no limit")  # fmt: skip

@@ -9,7 +9,11 @@ from pathlib import Path
 from loco_sim.engines import ENGINES
 
 from ...graph.start import StartLimits
+from .registry import group
 
+command = group("Run robots")
+
+SCHEDULER = "dask scheduler to use instead of processes here, tcp://HOST:PORT"
 MORE = """
 
 Clocks: lockstep steps when every command has arrived and the recorder keeps up
@@ -45,11 +49,29 @@ docs/robot_yaml.md says what each line of robot.yaml means.
 """
 
 
+def split(p: ArgumentParser) -> None:
+    """Options for splitting a bag, of all commands that record."""
+    p.add_argument("--max-bag-size", type=int, default=0, metavar="BYTES",
+                   help="begin the next file of the bag after so many bytes")  # fmt: skip
+    p.add_argument("--max-bag-duration", type=float, default=0.0, metavar="S",
+                   help="begin the next file of the bag after so many seconds")  # fmt: skip
+
+
+def engine(p: ArgumentParser) -> None:
+    """Option for the physics engine, of all commands that simulate."""
+    text = "physics engine (default the experiment's, or the first one installed)"
+    p.add_argument("--engine", choices=ENGINES, help=text)
+
+
+@command("demo", "cli.demo:run_demo", "run hyq_trot_reflex, replay its bag, write its report")
 def demo(p: ArgumentParser) -> None:
     """Options of `loco demo`."""
     p.add_argument("--out", type=Path, help="new bag folder (default bags/NAME_TIME)")
 
 
+@command("run --layout rollout", "cli.rollout:run",
+         "the same objects without ROS, into the same bag")  # fmt: skip
+@command("run", "cli.run:run", "run an experiment as a ROS 2 graph and record it")
 def run(p: ArgumentParser) -> None:
     """Options of `loco run`."""
     p.description += MORE
@@ -83,25 +105,30 @@ def run(p: ArgumentParser) -> None:
     p.add_argument("--view", action="store_true", help="show it in Rerun when it is done")
 
 
-def split(p: ArgumentParser) -> None:
-    """Options for splitting a bag, of all commands that record."""
-    p.add_argument("--max-bag-size", type=int, default=0, metavar="BYTES",
-                   help="begin the next file of the bag after so many bytes")  # fmt: skip
-    p.add_argument("--max-bag-duration", type=float, default=0.0, metavar="S",
-                   help="begin the next file of the bag after so many seconds")  # fmt: skip
+@command("robot", "robot.terminal:show_robots", "show the robots of loco and those in folders here")
+def robot(p: ArgumentParser) -> None:
+    """Options of `loco robot`."""
+    p.description += "\n\nloco robot new URDF writes a folder for a robot of your own."
 
 
-def engine(p: ArgumentParser) -> None:
-    """Option for the physics engine, of all commands that simulate."""
-    text = "physics engine (default the experiment's, or the first one installed)"
-    p.add_argument("--engine", choices=ENGINES, help=text)
+@command("robot new", "robot.terminal:show_new",
+         "write a first robot folder from any URDF, and say what is guessed")  # fmt: skip
+def robot_new(p: ArgumentParser) -> None:
+    """Options of `loco robot new`."""
+    p.description += NEW
+    p.add_argument("urdf", type=Path, help="URDF, xacro or MJCF, as in a ROS package or a download")
+    p.add_argument("--out", type=Path, metavar="DIR",
+                   help="new folder (default: the name of the file)")  # fmt: skip
 
 
+@command("list", "cli.listing:show", "show experiments, robots, studies, effects, topics and bags")
 def list_(p: ArgumentParser) -> None:
     """Options of `loco list`."""
     p.add_argument("what", nargs="?", help="experiments, robots, studies, effects, topics or bags")
 
 
+@command("schema", "cli.listing:show_schema", "print the JSON Schema of a kind of YAML file, by "
+         "which editors complete and check")  # fmt: skip
 def schema(p: ArgumentParser) -> None:
     """Options of `loco schema`."""
     p.description += """
@@ -115,25 +142,15 @@ The first line of a file tells the editor: # yaml-language-server: $schema=schem
     p.add_argument("--out", type=Path, help="folder that gets a file of each kind, or of one")
 
 
-def robot(p: ArgumentParser) -> None:
-    """Options of `loco robot`."""
-    p.description += "\n\nloco robot new URDF writes a folder for a robot of your own."
-
-
-def robot_new(p: ArgumentParser) -> None:
-    """Options of `loco robot new`."""
-    p.description += NEW
-    p.add_argument("urdf", type=Path, help="URDF, xacro or MJCF, as in a ROS package or a download")
-    p.add_argument("--out", type=Path, metavar="DIR",
-                   help="new folder (default: the name of the file)")  # fmt: skip
-
-
+@command("top", "doctor.top:show_top", "show the running graph: rates, lateness, drops, CPU, phase")
 def top(p: ArgumentParser) -> None:
     """Options of `loco top`."""
     p.add_argument("--once", action="store_true", help="print once, for scripts")
     p.add_argument("--interval", type=float, default=1.0, help="seconds between pictures")
 
 
+@command("doctor", "doctor.terminal:show_doctor",
+         "say why nothing moves (exit code 1: it has found a fault)")  # fmt: skip
 def doctor(p: ArgumentParser) -> None:
     """Options of `loco doctor`."""
     p.add_argument("--seconds", type=float, default=5.0, help="how long to listen (default 5)")
@@ -141,38 +158,36 @@ def doctor(p: ArgumentParser) -> None:
     p.add_argument("--clean", action="store_true", help="remove shared memory of dead processes")
 
 
+command("ros2", "ros2.main:run", "topic, node, param, service, action and run, as ros2 "
+        "has them, without apt")(None)  # fmt: skip
+
+
+@command("hardware", "hardware.terminal:show_servos",
+         "ask the servos of a real robot, with the torque off (exit code 1: a fault)")  # fmt: skip
 def hardware(p: ArgumentParser) -> None:
     """Options of `loco hardware`."""
     p.add_argument("robot", help="robot, by name or folder")
     p.add_argument("file", type=Path, help="wiring file: bus and servos (docs/hardware.md)")
 
 
+@command("hardware simulate", "hardware.terminal:simulate",
+         "serve simulated servos on a serial port, with effects and faults")  # fmt: skip
 def hardware_simulate(p: ArgumentParser) -> None:
     """Options of `loco hardware simulate`."""
     hardware(p)
-    p.add_argument(
-        "--out",
-        type=Path,
-        default=Path("simulated_servos.yaml"),
-        metavar="FILE",
-        help="wiring file with the port of the simulated bus (default %(default)s)",
-    )
-    p.add_argument(
-        "--effects",
-        default="[]",
-        metavar="YAML",
-        help="departures from the ideal robot, as in experiments",
-    )
-    p.add_argument(
-        "--fault",
-        action="append",
-        default=[],
-        metavar="KIND=VALUE[@S]",
-        help="lost=SHARE or garbled=SHARE of packets, silent=ID, hot=ID; from S seconds on",
-    )
+    p.add_argument("--out", type=Path, default=Path("simulated_servos.yaml"), metavar="FILE",
+                   help="wiring file with the port of the simulated bus "
+                   "(default %(default)s)")  # fmt: skip
+    p.add_argument("--effects", default="[]", metavar="YAML",
+                   help="departures from the ideal robot, as in experiments")  # fmt: skip
+    p.add_argument("--fault", action="append", default=[], metavar="KIND=VALUE[@S]",
+                   help="lost=SHARE or garbled=SHARE of packets, silent=ID, hot=ID; from S seconds "
+                   "on")  # fmt: skip
     p.add_argument("--seconds", type=float, default=0.0, help="end after this time")
 
 
+@command("estop", "cli.estop:show_estop",
+         "stop the robots that run: their joints are damped until a reset")  # fmt: skip
 def estop(p: ArgumentParser) -> None:
     """Options of `loco estop`."""
     p.description += "\n\nStops every robot on the ROS domain, or that of a namespace."

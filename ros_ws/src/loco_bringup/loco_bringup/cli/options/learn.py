@@ -6,7 +6,10 @@ from __future__ import annotations
 from argparse import ArgumentParser
 from pathlib import Path
 
-from .run import engine
+from .registry import group
+from .run import SCHEDULER, engine
+
+command = group("Learn from many runs")
 
 GRID = """
 
@@ -21,38 +24,10 @@ A study file names variants of experiments, seeds, metrics and figures; with axe
 Stop it and start it again: it goes on. The cost of the rest is told after three cases.
 cases.npz holds the columns of cases.csv for NumPy. Seeds repeat only what is random.
 """
-SCHEDULER = "dask scheduler to use instead of processes here, tcp://HOST:PORT"
 
 
-def calibrate(p: ArgumentParser) -> None:
-    """Options of `loco calibrate`."""
-    engine(p)
-    p.description += (
-        "\n\nThe bag holds joint_states and joint_command of a robot whose driven joints were\n"
-        "moved periodically. Writes model.yaml, calibration.json, tables, figures and a page."
-    )
-    p.add_argument("bag", type=Path, nargs="?", help="bag folder or .mcap file")
-    p.add_argument("--robot", default="tigrillo", help="robot, robot.yaml or model.yaml")
-    p.add_argument(
-        "--parameters", default="seven", help="seven (eq. 5.1), ten (author's) or legs (HyQ)"
-    )
-    p.add_argument("--loss", default="thesis", help="thesis (eq. 5.4) or author (normalised)")
-    p.add_argument("--seeds", type=int, default=5, help="searches (default 5)")
-    p.add_argument("--seed", type=int, default=0, help="seed of the first search")
-    p.add_argument("--generations", type=int, help="most generations of a search")
-    p.add_argument("--validate", type=Path, nargs="*", default=[], metavar="BAG",
-                   help="recordings that are compared but not fitted")  # fmt: skip
-    p.add_argument("--out", type=Path, help="results folder (default results/calibration_BAG)")
-    p.add_argument("--workers", type=int, default=2, help="processes (default 2)")
-    p.add_argument("--scheduler", default="", help=SCHEDULER)
-    p.add_argument("--live", action="store_true",
-                   help="no bag: start a surrogate robot and a model, fit over topics")  # fmt: skip
-    p.add_argument("--measured", default="surrogate_sine", metavar="EXPERIMENT",
-                   help="--live: the robot that stands for the real one")  # fmt: skip
-    p.add_argument("--speed", type=float, default=1.0,
-                   help="--live: at most this x real time, 0 for no limit")  # fmt: skip
-
-
+@command("study", "study.terminal:show_study",
+         "run a study: variants x grid x seeds, tables and maps (resumable)")  # fmt: skip
 def study(p: ArgumentParser) -> None:
     """Options of `loco study`."""
     engine(p)
@@ -67,6 +42,7 @@ def study(p: ArgumentParser) -> None:
     p.add_argument("--scheduler", default="", help=SCHEDULER)
 
 
+@command("optimise", "cli.optimise:run", "search a gait by CMA-ES over rollouts (resumable)")
 def optimise(p: ArgumentParser) -> None:
     """Options of `loco optimise`."""
     engine(p)
@@ -97,6 +73,8 @@ def optimise(p: ArgumentParser) -> None:
     p.add_argument("--gif", action="store_true", help="draw the best gait, too")
 
 
+@command("reinforce", "reinforce.terminal:run",
+         "improve the readout of a reflex by the policy gradient (resumable)")  # fmt: skip
 def reinforce(p: ArgumentParser) -> None:
     """Options of `loco reinforce`."""
     p.description += """
@@ -117,6 +95,7 @@ on to the same end."""
     p.add_argument("--workers", type=int, default=2, help="processes (default 2)")
 
 
+@command("reinforce ppo", "reinforce.ppo:run", "the same readout by PPO of stable-baselines3")
 def reinforce_ppo(p: ArgumentParser) -> None:
     """Options of `loco reinforce ppo`."""
     p.description += "\n\nNeeds `./loco install ppo`: stable-baselines3, and PyTorch with it."
@@ -143,6 +122,8 @@ def _episodes(p: ArgumentParser) -> None:
     p.add_argument("--out", type=Path, help="folder (default results/NAME_reinforce or _ppo)")
 
 
+@command("reinforce contest", "reinforce.contest:run",
+         "CMA-ES, two steps, three steps and PPO on equal simulated time (resumable)")  # fmt: skip
 def reinforce_contest(p: ArgumentParser) -> None:
     """Options of `loco reinforce contest`."""
     engine(p)
@@ -152,6 +133,8 @@ def reinforce_contest(p: ArgumentParser) -> None:
     p.add_argument("--out", type=Path, help="results folder (default results/reinforce_contest)")
 
 
+@command("reproduce", "reproduce.terminal:run",
+         "run experiments of the thesis again, claim by claim (resumable)")  # fmt: skip
 def reproduce(p: ArgumentParser) -> None:
     """Options of `loco reproduce`."""
     p.description += """
