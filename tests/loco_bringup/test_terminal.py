@@ -6,6 +6,7 @@ import pytest
 from loco_bringup.bag.reader import Bag
 from loco_bringup.cli import demo
 from loco_bringup.cli import main as cli
+from loco_bringup.terminal import console, table
 
 STUDY = """
 description: Two seeds of a short run.
@@ -36,6 +37,13 @@ def test_a_study_leaves_table_and_figures_and_resumes(tmp_path, capsys):
     assert first.items() <= again.items()  # the case that was there was not run again
     printed = capsys.readouterr().out
     assert "short seed 1" in printed and "survived" in printed
+
+
+def test_names_and_units_in_brackets_are_printed(capsys):
+    console.print("position[knee] [deg]")
+    console.print(table("t [s]", ("angle [rad]",), [("data[0]",)]))
+    printed = capsys.readouterr().out
+    assert all(text in printed for text in ("position[knee] [deg]", "[s]", "[rad]", "data[0]"))
 
 
 @pytest.mark.parametrize(("option", "value"), [("--workers", "0"), ("--seeds", "-1")])

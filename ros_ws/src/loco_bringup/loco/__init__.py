@@ -196,12 +196,13 @@ def find_gap(
     """Find where a model and recordings differ, name the cause, and add it to the model.
 
     Args:
-        recordings: Bags, or tables (CSV, JSON) with a mapping.
-        robot: Name of a robot, a folder with a ``robot.yaml``, or a ``model.yaml``.
+        recordings: Bags, or tables (CSV, JSON).
+        robot: Name of a robot, a folder with a ``robot.yaml``, a ``model.yaml``, or a URDF, of
+            which a draft is written to ``drafts`` in `out`.
         hold_out: Held-out recordings: they validate the model and are never fitted; default the
             last recording.
         mapping: File with the role and unit of each column; default ``mapping.yaml`` beside the
-            recording.
+            recording, else a draft in ``drafts`` in `out`.
         out: Folder of the results; default below ``results``.
         workers: Number of processes; the result does not depend on it.
         on_progress: Called with the share of the work done, the stage, and the name of the best

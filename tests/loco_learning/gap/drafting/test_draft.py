@@ -72,6 +72,11 @@ def test_units_are_told_by_name_or_size_and_said():
     assert rules.columns[2].unit == "A" and "N·m per A, from the data sheet" in text
 
 
+def test_turns_are_no_degrees_where_the_velocity_can_tell():
+    _, rules = drafted(["t", "knee_pos", "knee_vel"], wave=20.0 * WAVE)
+    assert [c.unit for c in rules.columns] == ["", ""]
+
+
 def test_numbered_columns_go_by_the_order_of_the_joints_and_say_so():
     names = ["time", *(f"{n}[{i}]" for n in ("dof_pos", "des_dof_pos") for i in range(2))]
     text, rules = drafted(names, ("hip", "knee"))
@@ -85,6 +90,14 @@ def test_what_lacks_and_what_is_there_twice_is_said():
     text, rules = drafted(["t", "knee_pos", "knee_angle", "knee_cmd"], ("hip", "knee"))
     assert len(rules.columns) == 2 and "The same again, left out" in text
     assert "Missing: q of hip" in text and "Missing: a command of hip" in text
+
+
+def test_where_nothing_is_a_command_the_measured_torque_is_what_moved_the_joint():
+    text, rules = drafted(["t", "knee_pos", "knee_torque"], ("knee",))
+    assert [c.role for c in rules.columns] == ["q", "command_torque"]
+    assert draft.MOVED in text and "Missing" not in text
+    _, rules = drafted(["t", "knee_pos", "knee_torque", "knee_cmd"], ("knee",))
+    assert [c.role for c in rules.columns] == ["q", "tau", "command_position"]
 
 
 def test_names_of_any_kind_come_back_whole():

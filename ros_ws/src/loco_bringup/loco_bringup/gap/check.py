@@ -28,7 +28,7 @@ from ..page import html
 from ..terminal import bar, console, table
 from . import plots, text
 from . import run as runner
-from .importing import load, mapping_of
+from .importing import DRAFTS, drafted, load, mapping_of
 
 PAGE, JSON = "check.html", "check.json"
 READY, WARNED, REFUSED = "ready", "usable, with warnings", "not usable as it is"
@@ -47,28 +47,30 @@ def show_check(a: argparse.Namespace) -> int:
         LocoError: The robot is unknown, or no recording is usable.
     """
     if not a.robot:
-        raise ParameterError("loco gap check wants --robot: a robot, robot.yaml or model.yaml")
+        raise ParameterError("loco gap check wants --robot: a robot, model.yaml or URDF")
     if a.workers < 1:
         raise ParameterError(f"workers must be at least 1, got {a.workers}")
     folder = a.out or Path("results") / f"check_{Path(a.bags[0]).name.split('.')[0]}"
-    claim(folder, JSON)
+    claim(folder, JSON, *DRAFTS)
+    robot, given, notes = drafted(a.robot, a.bags, str(a.mapping or ""), folder)
+    mapping = Path(given) if given else None
     with bar("{task.percentage:3.0f} %") as progress:
         task = progress.add_task("reading", total=1.0)
 
         def tell(share: float, stage: str) -> None:
             progress.update(task, completed=share, description=stage)
 
-        result = checked(a.robot, a.bags, a.mapping, a.workers, tell)
+        result = checked(robot, a.bags, mapping, a.workers, tell)
     folder.mkdir(parents=True, exist_ok=True)
     runner.write_json(folder / JSON, result)
     write_whole(folder / PAGE, page(result))
-    fixed = fix(a.robot, a.bags, a.mapping, result, folder) if a.fix else {}
+    fixed = fix(robot, a.bags, mapping, result, folder) if a.fix else {}
     if a.json:
         sys.stdout.write(runner.dumps(result))
     else:
         show(result)
         console.print(f"  page: {folder / PAGE}")
-        for line in next_lines(a.robot, a.bags, result, fixed):
+        for line in (*notes, *next_lines(robot, a.bags, result, fixed)):
             console.print(f"  {line}")
     return 2 if result["refused"] or result["verdict"] == WRONG else 0
 

@@ -3,24 +3,86 @@
 
 from __future__ import annotations
 
+import re
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
 from loco_control.exceptions import BagError, MissingFileError, ParameterError
+from loco_control.files import write_whole
 from loco_control.reading import understood
 from loco_learning.gap.recordings import align, importing, mapping, tables, tracks
 from loco_learning.gap.recordings.mapping import Mapping
-from loco_learning.gap.recordings.record import Record
+from loco_learning.gap.recordings.record import Doubt, Record
 from loco_learning.gap.recordings.tracks import Track
+from loco_sim import lazy
+from loco_sim.plant import model as models
 from loco_sim.robot.robot import Robot
 
 from ..bag.foreign.opening import KINDS, open_bag, suffix_of
 from ..bag.reader import Bag
 from ..outcome import STEP
 from . import topics as gap_topics
+from .drafts.terminal import draft
 from .fields import FieldSource
 
+_new_robot = lazy.module("loco_bringup.robot.terminal")
 _KNOWN = ("fixed_base", "height")  # keys of an experiment about how the robot was held
+# Drafts of a robot and of a mapping in a folder of results.
+DRAFTS = ROBOT, MAPPING = "drafts/robot/robot.yaml", f"drafts/{mapping.FILE}"
+FORMATS = (".urdf", ".xacro", ".xml")  # of descriptions of a robot without drives
+
+
+def drafted(
+    robot: str, bags: Sequence[str], given: str, folder: Path
+) -> tuple[str, str, tuple[str, ...]]:
+    """Robot and mapping of a search; those that the user has not written are drafted.
+
+    A draft that is there already is used, since the user may have corrected it.
+
+    Args:
+        robot: Robot, ``robot.yaml`` or ``model.yaml``; a URDF, xacro or MJCF gets a draft.
+        bags: Recordings. Tables of which none has a mapping get a draft.
+        given: Path of a mapping; empty for none.
+        folder: Folder of the results.
+
+    Returns:
+        Robot, mapping (empty for none), and a sentence on each draft.
+
+    Raises:
+        LocoError: A draft cannot be made.
+    """
+    source, own, notes = Path(robot), folder / ROBOT, []
+    is_drafted = source.suffix in FORMATS
+    fresh = is_drafted and not own.is_file()
+    if fresh:
+        _new_robot.tried(source, own.parent)
+    robot = str(own.parent) if is_drafted else robot
+    if not given and all(_is_undescribed(Path(path)) for path in bags):
+        given = str(folder / MAPPING)
+        if not Path(given).exists():
+            text = draft(bags[0], models.load_any(robot).make_robot().joints)
+            write_whole(Path(given), text)
+        what = "; ".join(
+            f"{c.column} is {c.role} of {c.place}" + f" [{c.unit}]" * bool(c.unit)
+            for c in mapping.load(given).columns
+        )
+        notes.append(Doubt(f"{given} is a draft, to be corrected: {what}"))
+    if fresh and given:
+        roles = {column.role for column in mapping.load(given).columns}
+        if "command_torque" in roles and "command_position" not in roles:
+            text = re.sub(r"^guessed: .*\n", "", own.read_text(encoding="utf-8"), flags=re.M)
+            write_whole(own, re.sub(r"kind: impedance, [^}]*", "kind: torque", text))
+    if is_drafted:
+        keys = re.findall(r"^(\w+):.*# guessed", own.read_text(encoding="utf-8"), re.M)
+        notes.append(Doubt(f"{own} is a draft, to be corrected; guessed: {', '.join(keys)}"))
+    return robot, given, tuple(notes)
+
+
+def _is_undescribed(path: Path) -> bool:
+    """Whether a recording consists of tables without a mapping."""
+    files = path.iterdir() if path.is_dir() else [path]
+    return not suffix_of(path) and any(map(tables.is_table, files)) and not mapping_of(path, None)
 
 
 @understood("whole recording")

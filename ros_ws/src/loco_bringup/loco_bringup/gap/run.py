@@ -6,7 +6,7 @@ from __future__ import annotations
 import json
 import os
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import Any, TypedDict
@@ -26,7 +26,7 @@ from loco_sim import effects
 from loco_sim.plant import model as models
 from loco_sim.plant.model import Model
 
-from .importing import load
+from .importing import DRAFTS, drafted, load
 
 RESULT, MODEL, PAGE, ARRAYS, JOB = "gap.json", "model.yaml", "gap.html", "gap.npz", "job.json"
 JOURNAL = "search.jsonl"  # results of an unfinished search; deleted at its end
@@ -89,7 +89,7 @@ class Job:
     """Request for a search.
 
     Attributes:
-        robot: Robot, robot.yaml or model.yaml, as on the command line.
+        robot: Robot, robot.yaml, model.yaml or URDF, as on the command line.
         bags: Recordings, as on the command line.
         hold_out: Held-out recordings: they validate the model and are never fitted.
         mapping: Path of a mapping file; empty for recordings of standard topics.
@@ -208,13 +208,16 @@ def run(job: Job, folder: Path, tell: Tell | None = None) -> dict[str, Any]:
     from `JOURNAL` when the same request is run again.
 
     Raises:
-        LocoError: The input is invalid; nothing is written.
+        LocoError: The input is invalid; nothing is written but drafts of a robot and a mapping.
     """
-    claim(folder, JOB, JOURNAL)
+    claim(folder, JOB, JOURNAL, *DRAFTS)
     params = options_of(job)
     tell = tell or (lambda share, stage, best: None)
     tell(0.0, "reading", "")
+    robot, mapping, notes = drafted(job.robot, job.bags, job.mapping, folder)
+    job = replace(job, robot=robot, mapping=mapping)
     model, fit, held = read_records(job)
+    fit[0] = replace(fit[0], notes=(*notes, *fit[0].notes))
 
     latest: list[Curves | None] = []
 

@@ -61,7 +61,7 @@ def job_of(a: argparse.Namespace) -> tuple[runner.Job, Path]:
         return _more(a, options)
     options.setdefault("seed", 0)
     if not a.robot:
-        raise ParameterError("loco gap wants --robot: a robot, robot.yaml or model.yaml")
+        raise ParameterError("loco gap wants --robot: a robot, robot.yaml, model.yaml or URDF")
     mapping = str(a.mapping) if a.mapping else ""
     job = runner.Job(a.robot, tuple(a.bags), tuple(a.hold_out), mapping, options, workers=a.workers)
     return job, a.out or job.default_folder()

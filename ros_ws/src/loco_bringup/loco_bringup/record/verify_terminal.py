@@ -43,7 +43,7 @@ def show_verify(path: Path, run: Callable[[Callable[[float], None]], Verdict]) -
     if verdict.first:
         console.print("First differences")
         for line in _lines(verdict):
-            console.print(line, markup=False)
+            console.print(line)
     return verdict
 
 

@@ -29,7 +29,7 @@ def show_new(a: argparse.Namespace) -> int:
     title = f"{out}: a robot that {'stands' if result.stands else 'is bolted and swings'}"
     console.print(table(title, ("what", "value", "from"), result.rows))
     for note in result.notes:
-        console.print(f"note: {note}", highlight=False, markup=False)
+        console.print(f"note: {note}")
     hint = f"look at {out / 'picture.png'}, " if (out / "picture.png").is_file() else ""
     sys.stdout.write(
         f"{hint}correct {out / 'robot.yaml'}, then\n"

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -14,6 +14,7 @@ from ..recordings import units
 from . import words
 
 RATES = (5.0, 5e3)  # of logs [Hz]; a unit of time that gives another rate is rejected (taste)
+MOVED = "; nothing else is a command, so this is taken as what moved the joint"
 TURNING = 7.0  # [rad], just above one turn; larger angles are taken as degrees (taste)
 
 
@@ -65,11 +66,10 @@ def of_table(
         ParameterError: No column name contains a known role.
     """
     time, head = _time(columns)
-    lines = []
-    for name, values in columns.items():
-        if name != time:
-            lines += _column(name, values, joints)
-    return written(lines, [name for name in columns if name != time], joints, file, head)
+    others = {name: values for name, values in columns.items() if name != time}
+    speed = any(words.guess(name, joints).role == "dq" for name in others)
+    lines = [x for name, y in others.items() for x in _column(name, y, joints, speed)]
+    return written(lines, list(others), joints, file, head)
 
 
 def written(
@@ -80,6 +80,8 @@ def written(
     head: Sequence[str] = (),
 ) -> str:
     """Text of a mapping; of several lines for one role of a joint only the first is used.
+
+    If no line is a command, measured torques are taken as the commands.
 
     Args:
         lines: Columns in the order of the file.
@@ -92,6 +94,9 @@ def written(
         ParameterError: There is no line.
     """
     first: dict[tuple[str, str], Line] = {}
+    if not any(line.role.startswith("command_") for line in lines):
+        lines = [replace(x, role="command_torque", why=x.why + MOVED) if x.role == "tau" else x
+                 for x in lines]  # fmt: skip
     for line in lines:
         first.setdefault((line.role, line.joint), line)
     if not first:
@@ -117,11 +122,10 @@ def missing(found: Mapping[tuple[str, str], Line], joints: Sequence[str]) -> lis
     return absent + [f"a command of {joint}" for joint in required if joint not in commanded]
 
 
-def _column(name: str, values: np.ndarray, joints: Sequence[str]) -> list[Line]:
+def _column(name: str, values: np.ndarray, joints: Sequence[str], speed: bool) -> list[Line]:
     guess = words.guess(name, joints)
     joint, comment = guess.joint, guess.why
-    stem, bracket, index = name.partition("[")
-    number = index.rstrip("]")
+    _, bracket, number = name.rstrip("]").partition("[")
     if not joint and bracket and number.isdigit():
         row = int(number)
         joint = joints[row] if row < len(joints) else "" if joints else f"joint_{row}"
@@ -130,19 +134,22 @@ def _column(name: str, values: np.ndarray, joints: Sequence[str]) -> list[Line]:
         joint, comment = joints[0], f"{comment}, the only joint"
     if not guess.role or not joint:
         return []
-    unit, reason = _unit(guess.role, guess.unit, values)
+    unit, reason = _unit(guess.role, guess.unit, values, speed)
     scaled = units.dimension(unit) in ("current", "counts") if unit else False
     reason += "; scale: N·m per A, from the data sheet" if scaled else ""
     return [Line(name, guess.role, joint, comment + reason, unit, scale="1.0" if scaled else "")]
 
 
-def _unit(role: str, unit: str, values: np.ndarray) -> tuple[str, str]:
-    """Unit of a column, and the reason for it in words."""
+def _unit(role: str, unit: str, values: np.ndarray, speed: bool) -> tuple[str, str]:
+    """Unit of a column, and the reason for it in words.
+
+    Where velocities (`speed`) were measured, large angles may be turns: the velocities tell the
+    unit when the recording is read.
+    """
     if unit:
         return unit, f"; {unit} by its name"
-    finite = values[np.isfinite(values)]
-    peak = float(np.max(np.abs(finite), initial=0.0))
-    if role in ("q", "command_position") and peak > TURNING:
+    peak = float(np.max(np.abs(values), initial=0.0, where=np.isfinite(values)))
+    if role in ("q", "command_position") and peak > TURNING and not speed:
         return "deg", f"; deg, as it reaches {peak:.4g}: rev, counts?"
     return "", ""
 

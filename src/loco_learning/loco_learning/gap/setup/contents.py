@@ -11,7 +11,7 @@ from loco_sim.plant.model import Model
 
 from ...plain import plain
 from ..params import GapParams
-from ..recordings.record import HELD_OUT, Record
+from ..recordings.record import HELD_OUT, Doubt, Record
 from .finding import Finding
 
 SETUP = "set-up"  # the verdict
@@ -51,13 +51,10 @@ def contents(
                          "before": None, "after": None} for r in records]},
             "alarms": [f"{r.name}: {warning}" for r in records for warning in r.warnings],
             "align": [f"{r.name}: {note}" for r in records for note in r.notes],
-            "pieces": 0.0,
-            "compared": "",
-            "nuisance": {},
+            "reading": [f"{r.name}: {n}" for r in records for n in r.notes if isinstance(n, Doubt)],
             "settings": to_dict(params),
-            "identifiability": {},
-            "correction": None,
-            "residual": None,
+            "pieces": 0.0, "compared": "", "nuisance": {}, "identifiability": {},
+            "correction": None, "residual": None,
             "model": {"robot": model.robot, "overrides": dict(model.overrides),
                       "effects": list(model.effects)},
         }

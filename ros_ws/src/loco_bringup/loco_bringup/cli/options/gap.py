@@ -14,6 +14,7 @@ command = group("Find out why a model and a robot differ")
 MORE = """
 
   loco gap BAG... --robot R     search; writes gap.html, gap.json and model.yaml
+  loco gap my.csv --robot my.urdf   the same; what it guesses about both it writes and says
   loco gap DIR --add BAG...     search again with more recordings
   loco gap --live --robot R     the same with two robots that run, over topics
   loco gap check BAG... --robot R   before a search: what these recordings can tell
@@ -41,9 +42,10 @@ def search(p: ArgumentParser) -> None:
     engine(p)
     p.add_argument("bags", nargs="*", metavar="BAG", help="bag folder, .mcap, CSV or JSON file; or "
                    "a folder of results, with --add")  # fmt: skip
-    p.add_argument("--robot", help="robot, robot.yaml or model.yaml to begin with")
+    p.add_argument("--robot", help="robot, robot.yaml, model.yaml or URDF to begin with")
     p.add_argument("--mapping", type=Path, metavar="YAML",
-                   help="role and unit of each column, for files that are no bags")  # fmt: skip
+                   help="role and unit of each column of a table (default: beside it, or "
+                   "drafted)")  # fmt: skip
     p.add_argument("--hold-out", nargs="+", default=[], metavar="BAG",
                    help="recordings to judge on, never fitted (default: the last)")  # fmt: skip
     p.add_argument("--add", nargs="+", default=[], metavar="BAG",
@@ -80,7 +82,7 @@ recordings at which joint and from which size on, what is missing, and how long 
 Exit code 2 where a recording is refused."""
     engine(p)
     p.add_argument("bags", nargs="+", metavar="BAG", help="bag folder, .mcap, CSV or JSON file")
-    p.add_argument("--robot", help="robot, robot.yaml or model.yaml that was measured")
+    p.add_argument("--robot", help="robot, robot.yaml, model.yaml or URDF that was measured")
     p.add_argument("--mapping", type=Path, metavar="YAML",
                    help="role and unit of each column, for files that are no bags")  # fmt: skip
     p.add_argument("--workers", type=int, default=2, help="processes (default 2)")

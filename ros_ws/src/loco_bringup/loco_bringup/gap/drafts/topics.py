@@ -10,7 +10,6 @@ from loco_learning.gap.drafting import words
 from loco_learning.gap.drafting.draft import Line, written
 
 from ...bag.reader import Bag
-from ..joint_states import FIELDS
 
 ROLES = {"position": "q", "velocity": "dq", "effort": "tau"}
 COMMANDS = {"position": "command_position", "velocity": "command_velocity",
@@ -48,7 +47,7 @@ def _joint_state(name: str, message: Any, joints: Sequence[str]) -> list[Line]:
     reason = f"JointState, “{token}” in the topic" if token else "JointState"
     return [
         Line(f"{field}[{joint}]", roles[field], joint, reason, topic=name)
-        for field in FIELDS
+        for field in roles
         if len(getattr(message, field)) == len(message.name)
         for joint in message.name
     ]

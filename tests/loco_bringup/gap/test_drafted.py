@@ -1,0 +1,99 @@
+# SPDX-License-Identifier: Apache-2.0
+"""`loco gap my.csv --robot my.urdf`: mapping and robot are drafted, said, and may be corrected."""
+
+from __future__ import annotations
+
+import json
+import shutil
+
+import numpy as np
+import pytest
+
+from loco_bringup.cli import main as cli
+from loco_control.reading import read_yaml
+from loco_learning.gap import contents, workflow
+from loco_sim.robot import robot as robots
+
+from .gap_result import curves, result
+
+T = np.arange(400) / 100.0
+
+
+@pytest.fixture
+def search(monkeypatch, tmp_path, capsys):
+    """A command line whose search answers at once; returns its exit code, text and model."""
+    asked = {}
+
+    def find(model, fit, held, params, progress, workers, keep, memory):
+        asked.update(model=model, fit=fit)
+        known = result(reading=contents.doubts(fit))
+        keep(known, curves())
+        return known
+
+    monkeypatch.setattr(workflow, "find", find)
+    monkeypatch.chdir(tmp_path)
+    shutil.copy(robots.load("servo_pendulum").folder / "servo_pendulum.urdf", "my.urdf")
+
+    def call(*words):
+        with pytest.raises(SystemExit) as end:
+            cli.main(["gap", *map(str, words), "--robot", "my.urdf", "--out", "out"])
+        said = capsys.readouterr()
+        return end.value.code, " ".join((said.out + said.err).split()), asked
+
+    return call
+
+
+def table(path, **columns):
+    rows = np.column_stack([T, *columns.values()])
+    header = ",".join(["t", *columns])
+    np.savetxt(path, rows, delimiter=",", header=header, comments="", fmt="%.6f")
+
+
+def test_a_table_and_a_urdf_alone_get_an_answer_that_says_what_was_guessed(search, tmp_path):
+    wave = 40.0 * np.sin(3.0 * T)
+    table("my.csv", pivot_pos=wave, pivot_cmd=wave)
+    code, said, asked = search("my.csv")
+    assert code == 0, said
+    assert "out/drafts/mapping.yaml is a draft, to be corrected: pivot_pos is q of pivot [d" in said
+    assert "out/drafts/robot/robot.yaml is a draft, to be corrected; guessed: fixed_base, " in said
+    assert said.index("is a draft") < said.index("Named")
+    (record,) = asked["fit"]
+    assert record.signals["q"][:, 0] == pytest.approx(np.radians(wave), abs=1e-6)
+    robot = asked["model"].make_robot()
+    assert type(robot.drives["pivot"]).__name__.startswith("Impedance")
+
+    # What the user corrects in the drafts holds in the next search, and with more recordings.
+    for file, old, new in (("robot/robot.yaml", "control_rate: 250", "control_rate: 100"),
+                           ("mapping.yaml", "unit: deg", "unit: rad")):  # fmt: skip
+        path = tmp_path / "out/drafts" / file
+        assert old in path.read_text()
+        path.write_text(path.read_text().replace(old, new))
+    code, said, asked = search("my.csv")
+    assert (code, asked["model"].make_robot().control_rate) == (0, 100)
+    assert asked["fit"][0].signals["q"][:, 0] == pytest.approx(wave, abs=1e-5)
+    job = json.loads((tmp_path / "out/job.json").read_text())
+    assert (job["robot"], job["mapping"]) == ("out/drafts/robot", "out/drafts/mapping.yaml")
+
+
+def test_a_log_without_commands_is_moved_by_its_torques(search, tmp_path):
+    table("my.csv", pivot_pos=0.4 * np.sin(3.0 * T), pivot_torque=np.cos(3.0 * T))
+    code, said, asked = search("my.csv")
+    assert code == 0 and "pivot_torque is command_torque of pivot" in said
+    values = read_yaml(tmp_path / "out/drafts/robot/robot.yaml")
+    assert values["drives"] == {"pivot": {"kind": "torque"}} and "guessed" not in values
+    assert asked["fit"][0].command["torque"][:, 0] == pytest.approx(np.cos(3.0 * T), abs=1e-6)
+
+
+def test_what_is_no_table_of_names_is_one_line_and_writes_no_mapping(search, tmp_path):
+    table("my.csv", a=T, b=T)
+    code, said, _ = search("my.csv")
+    assert code == 2 and "no name says what is measured or commanded" in said
+    assert not (tmp_path / "out/drafts/mapping.yaml").exists()
+
+
+def test_a_folder_of_the_user_is_no_folder_of_drafts(search, tmp_path):
+    table("my.csv", pivot_pos=T, pivot_cmd=T)
+    (tmp_path / "out").mkdir()
+    (tmp_path / "out/mapping.yaml").write_text("format: 1\n")
+    code, said, _ = search("my.csv")
+    assert code == 2 and "out holds other files" in said
