@@ -11,13 +11,21 @@ import sys
 import pytest
 import yaml
 
+from loco_bringup.bag.export import FORMATS
 from loco_bringup.bag.reader import Bag
 from loco_bringup.cli import listing
 from loco_bringup.cli import main as cli
-from loco_bringup.cli.table import COMMANDS, load, parse, split
+from loco_bringup.cli.table import COMMANDS, load, parse, parser, split
+from loco_bringup.export_model.write import TARGETS
+from loco_bringup.graph.run import LAYOUTS
+from loco_bringup.reproduce.terminal import WHAT
 from loco_bringup.schemas import KINDS
 from loco_control.exceptions import MissingPackageError
+from loco_learning.calibration.mawe import LOSSES
+from loco_learning.calibration.parameters import SETS
 from loco_sim import engines
+from loco_sim.export.portable import GEARS
+from loco_sim.msd.params import PRESETS
 from loco_workshop import tests
 from loco_workshop.bench import bench
 from loco_workshop.bench.damage import sample
@@ -106,7 +114,7 @@ MISTAKES = [
     (("run", "hyq_short", "--layout", "threads"), "composed, processes"),
     (("run", "hyq_short", "--set", "effects=[{name: pussh}]"), "push"),
     (("run", "hyq_short", "--clock", "sundial"), "lockstep"),
-    (("run", "hyq_short", "--engine", "bullet"), "choose from 'pybullet', 'mujoco'"),
+    (("run", "hyq_short", "--engine", "bullet"), "did you mean 'pybullet'"),
     (("run", "hyq_short", "--engine", "mujoco", "--set", "sim.restitution=0.5"), "leave it at 0"),
     (("run", "hyq_short", "--tick", "late=never"), "hold, safe-stop"),
     (("run", "hyq_short", "--tick", "clock=asap"), "take --clock"),
@@ -121,7 +129,7 @@ MISTAKES = [
     (("replay", "nowhere"), "no bag at nowhere"),
     (("study", "no_study"), "available"),
     (("bench", "lightness"), "rls"),
-    (("list", "lists"), "experiments"),
+    (("list", "robtos"), "did you mean 'robots'"),
     (("schema", "robto"), "did you mean 'robot'"),
     (("schema",), "or a folder with --out"),
     (("gpa", "bag"), "did you mean 'gap'"),
@@ -311,7 +319,24 @@ def test_a_shell_completes_commands_options_and_names(run, tmp_path, monkeypatch
     ]  # fmt: skip
     assert completed(script, "loco", "gap", "--hold").split() == ["--hold-out"]
     assert completed(script, "loco", "gap", "ne").split() == ["next"]
+    assert completed(script, "loco", "list", "rob").split() == ["robots"]
+    assert completed(script, "loco", "export-model", "hyq", "--to", "mj").split() == ["mjcf"]
     assert run("completion", "fish")[0] == 2
+
+
+CHOICES = [
+    ("list", "what", listing._LISTS), ("schema", "kind", KINDS), ("reproduce", "what", WHAT),
+    ("export-model", "to", TARGETS), ("export-model", "gear", GEARS), ("export", "format", FORMATS),
+    ("run", "layout", (*LAYOUTS, "rollout")), ("replay --verify", "layout", LAYOUTS),
+    ("calibrate", "parameters", SETS), ("calibrate", "loss", LOSSES),
+    ("reproduce", "preset", PRESETS),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("name", "option", "names"), CHOICES)
+def test_the_choices_in_the_usage_are_those_that_there_are(name, option, names):
+    (action,) = (a for a in parser(name)._actions if a.dest == option)
+    assert set(action.choices) == set(names)
 
 
 def test_the_length_of_a_run_has_an_option(run, tmp_path):

@@ -111,11 +111,11 @@ def test_what_the_model_has_not_got_is_not_randomised(tmp_path):
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (("hyq", "--to", "gazebo"), "no target of an export named 'gazebo'"),
+        (("hyq", "--to", "gazebo"), "no choice of --to named 'gazebo'"),
         (("nowhere.yaml", "--to", "mjcf"), "nowhere.yaml"),
         (("hyq", "--to", "urdf", "--replay", "bag"), "take --to mjcf"),
         (("hyq", "--to", "urdf", "--gear", "rigid"), "urdf has rigid gears"),
-        (("hyq", "--to", "mjcf", "--gear", "soft"), "no gear of an export named 'soft'"),
+        (("hyq", "--to", "mjcf", "--gear", "soft"), "no choice of --gear named 'soft'"),
         (("hyq", "--to", "urdf", "--out", "OTHER"), "holds other files (mine.txt)"),
     ],
 )

@@ -23,7 +23,7 @@ def call(*arguments: str) -> int:
 @pytest.mark.parametrize(
     ("arguments", "text"),
     [
-        (["msb"], "no thing to reproduce named 'msb' (did you mean 'msd'?)"),
+        (["msb"], "no choice of loco reproduce named 'msb' (did you mean 'msd'?)"),
         (["msd", "--preset", "code"], "available: author_code, thesis"),
         (["msd", "--workers", "0"], "workers must be at least 1, got 0"),
         (["hyq", "--plan", "fast"], "no plan named 'fast'; available: full, medium, mujoco, quick"),

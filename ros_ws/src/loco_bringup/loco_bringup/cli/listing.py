@@ -9,7 +9,7 @@ import sys
 from collections.abc import Callable
 from pathlib import Path
 
-from loco_control.exceptions import LocoError, NameUnknownError, ParameterError
+from loco_control.exceptions import LocoError, ParameterError
 from loco_control.files import write_whole
 from loco_control.ros.messages.joint_topics import TABLES
 from loco_learning.runs import experiment
@@ -24,13 +24,7 @@ from .table import COMMANDS, parser
 
 
 def show(a: argparse.Namespace) -> int:
-    """`loco list`: print one list, or all of them.
-
-    Raises:
-        NameUnknownError: There is no such list.
-    """
-    if a.what is not None and a.what not in _LISTS:
-        raise NameUnknownError("list", a.what, _LISTS)
+    """`loco list`: print one list, or all of them."""
     for name in [a.what] if a.what else _LISTS:
         title, columns, rows = _LISTS[name]()
         console.print(table(title, columns, rows))
@@ -114,21 +108,19 @@ def show_schema(a: argparse.Namespace) -> int:
 def show_completion(a: argparse.Namespace) -> int:
     """`loco completion`: print a shell function that completes commands and options.
 
-    Other arguments are completed with file names, and for ``run``, ``study``, ``list`` and
-    ``schema`` with the names that these commands accept.
+    Other arguments are completed with file names, and with the names that the commands accept.
     """
-    names = {
-        "run": [*experiment.names()], "study": [*study.names()], "list": [*_LISTS],
-        "schema": [*KINDS],
-        "help": sorted({name.partition(" ")[0] for name in COMMANDS}),
-    }  # fmt: skip
+    names = {"run": [*experiment.names()], "study": [*study.names()]}
+    names["help"] = sorted({name.partition(" ")[0] for name in COMMANDS})
     for name, command in COMMANDS.items():
         first, _, second = name.partition(" ")
         completions = names.setdefault(first, [])
         if second and not second.startswith("-"):
             completions.append(second)
         elif command.options:
-            completions += [o for o in parser(name)._option_string_actions if o.startswith("--")]
+            for action in parser(name)._actions:
+                completions += [o for o in action.option_strings if o.startswith("--")]
+                completions += action.choices or ()
     cases = "\n".join(f"    {n}) words='{' '.join(dict.fromkeys(w))}' ;;" for n, w in names.items())
     sys.stdout.write(_SCRIPT.format(first=" ".join(names), cases=cases, zsh=_ZSH[a.shell]))
     return 0

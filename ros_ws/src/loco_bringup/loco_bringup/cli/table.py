@@ -79,6 +79,12 @@ class Parser(argparse.ArgumentParser):
         self.given = {}
         return super().parse_known_args(args, namespace)
 
+    def _check_value(self, action: argparse.Action, value: Any) -> None:
+        """Raise an exception for a value that is no choice; called by argparse."""
+        if action.choices is not None and value not in action.choices:
+            what = "/".join(action.option_strings) or self.prog
+            raise NameUnknownError(f"choice of {what}", str(value), action.choices)
+
     def error(self, message: str) -> NoReturn:
         """Raise an exception for a wrong command line; called by argparse."""
         raise ParameterError(f"{cut(message, 400)}; see `{self.prog} --help`")

@@ -55,7 +55,7 @@ def replay(p: ArgumentParser) -> None:
                    help="publish under another name (repeatable)")  # fmt: skip
     v = p.add_argument_group("verify")
     v.add_argument("--verify", action="store_true", help="compare live controllers with the bag")
-    v.add_argument("--layout", default="composed", help="composed or processes")
+    v.add_argument("--layout", default="composed", choices=("composed", "processes"))
     v.add_argument("--nodes", help="node set, name or YAML path (default: as the experiment)")
     v.add_argument("--set", action="append", default=[], metavar="KEY=VALUE",
                    help="change a value of the experiment first (repeatable)")  # fmt: skip
@@ -121,7 +121,7 @@ def export(p: ArgumentParser) -> None:
     )
     _bag(p)
     p.add_argument("--out", type=Path, help="folder (default BAG/export)")
-    p.add_argument("--format", default="npz", help="npz or csv (default npz)")
+    p.add_argument("--format", default="npz", choices=("npz", "csv"), help="default npz")
     p.add_argument("--topics", nargs="+", help="only these topics")
 
 

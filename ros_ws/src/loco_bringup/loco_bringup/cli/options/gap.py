@@ -133,12 +133,13 @@ Armature, damping, friction, delays, gains, masses and contact, as far as the ta
 what it does not is listed. From results of `loco gap` come ranges to randomise in, too, and the
 recordings that were held out are replayed in MuJoCo alone."""
     p.add_argument("model", type=Path, help="robot, model.yaml, or folder of results of loco gap")
-    p.add_argument("--to", required=True, help="mjcf, urdf, isaac, pace or ros2_control")
+    p.add_argument("--to", required=True, choices=("mjcf", "urdf", "isaac", "pace", "ros2_control"))
     p.add_argument("--replay", nargs="+", default=[], metavar="BAG",
                    help="mjcf: recordings to check it with (default: those held out)")  # fmt: skip
     p.add_argument("--mapping", type=Path, metavar="YAML", help="mapping of the recordings")
-    p.add_argument("--gear", metavar="HOW", help="mjcf: elastic, with a joint for each servo's "
-                   "rotor (default), or rigid, with the robot's joints alone")  # fmt: skip
+    p.add_argument("--gear", choices=("elastic", "rigid"),
+                   help="mjcf: elastic, with a joint for each servo's rotor (default), or rigid, "
+                   "with the robot's joints alone")  # fmt: skip
     add_out(p, "folder (default exports/ROBOT_TARGET)")
 
 
@@ -155,10 +156,10 @@ def calibrate(p: ArgumentParser) -> None:
     )
     p.add_argument("bag", type=Path, nargs="?", help="bag folder or .mcap file")
     p.add_argument("--robot", default="tigrillo", help="robot, robot.yaml or model.yaml")
-    p.add_argument(
-        "--parameters", default="seven", help="seven (eq. 5.1), ten (author's) or legs (HyQ)"
-    )
-    p.add_argument("--loss", default="thesis", help="thesis (eq. 5.4) or author (normalised)")
+    p.add_argument("--parameters", default="seven", choices=("seven", "ten", "legs"),
+                   help="seven (eq. 5.1, default), ten (author's) or legs (HyQ)")  # fmt: skip
+    p.add_argument("--loss", default="thesis", choices=("thesis", "author"),
+                   help="thesis (eq. 5.4, default) or author (normalised)")  # fmt: skip
     p.add_argument("--seeds", type=int, default=5, help="searches (default 5)")
     p.add_argument("--seed", type=int, default=0, help="seed of the first search")
     p.add_argument("--generations", type=int, help="most generations of a search")

@@ -142,7 +142,7 @@ def reproduce(p: ArgumentParser) -> None:
 tigrillo: chapter 5; msd: chapter 6; hyq: chapters 7 and 9; clock: chapter 8; all: every claim.
 The rules stand in loco_learning/thesis/claims.yaml, what each plan runs in plans.yaml beside it.
 Stop it and start it again: it goes on."""
-    p.add_argument("what", help="tigrillo, msd, hyq, clock or all")
+    p.add_argument("what", choices=("tigrillo", "msd", "hyq", "clock", "all"))
     p.add_argument("--quick", action="store_true", help="the plan quick: a few minutes")
     p.add_argument(
         "--plan",
@@ -151,7 +151,7 @@ Stop it and start it again: it goes on."""
     )
     p.add_argument("--cost", action="store_true",
                    help="time three cases of each study, tell its core-hours, stop")  # fmt: skip
-    p.add_argument("--preset", default="thesis", help="msd alone: thesis or author_code")
+    p.add_argument("--preset", default="thesis", choices=("thesis", "author_code"), help="for msd")
     p.add_argument("--workers", type=int, default=2, help="processes (default 2)")
     p.add_argument("--scheduler", default="", help=SCHEDULER)
     p.add_argument("--out", type=Path, metavar="DIR",

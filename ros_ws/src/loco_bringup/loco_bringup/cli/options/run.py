@@ -76,8 +76,10 @@ def run(p: ArgumentParser) -> None:
     """Options of `loco run`."""
     p.description += MORE
     p.add_argument("experiment", help="name (see `loco list`) or path of a YAML file")
-    p.add_argument("--layout", default="composed", help="composed, processes or rollout")
-    p.add_argument("--clock", default="lockstep", help="lockstep, asap or realtime")
+    p.add_argument("--layout", default="composed", choices=("composed", "processes", "rollout"),
+                   help="default composed")  # fmt: skip
+    p.add_argument("--clock", default="lockstep", choices=("lockstep", "asap", "realtime"),
+                   help="default lockstep")  # fmt: skip
     p.add_argument("--speed", type=float, default=0.0, help="lockstep: at most this x real time")
     p.add_argument("--start-timeout", type=float, default=StartLimits.timeout, metavar="SECONDS",
                    help="give up when nodes that start make no progress for so long "
@@ -124,7 +126,8 @@ def robot_new(p: ArgumentParser) -> None:
 @command("list", "cli.listing:show", "show experiments, robots, studies, effects, topics and bags")
 def list_(p: ArgumentParser) -> None:
     """Options of `loco list`."""
-    p.add_argument("what", nargs="?", help="experiments, robots, studies, effects, topics or bags")
+    names = ("experiments", "robots", "studies", "effects", "topics", "bags")
+    p.add_argument("what", nargs="?", choices=names, help="one of the lists (default: all)")
 
 
 @command("schema", "cli.listing:show_schema", "print the JSON Schema of a kind of YAML file, by "
@@ -137,8 +140,8 @@ The first line of a file tells the editor: # yaml-language-server: $schema=schem
   loco schema experiment > experiment.json
   loco schema --out schemas
 """
-    p.add_argument("kind", nargs="?", help="experiment, robot, model, gait, study, mapping, "
-                   "wiring or plan")  # fmt: skip
+    p.add_argument("kind", nargs="?", help="kind of file", choices=(
+        "experiment", "robot", "model", "gait", "study", "mapping", "wiring", "plan"))  # fmt: skip
     p.add_argument("--out", type=Path, help="folder that gets a file of each kind, or of one")
 
 
