@@ -68,6 +68,7 @@ class Robot:
         fall: Limits of height and tilt beyond which the robot counts as fallen.
         driven: Indices of the joints with a drive, (m,); the others are passive.
         control_rate: Default rate of commands [Hz].
+        rate_stated: Whether robot.yaml states that rate.
         sim: Default physics parameters of the robot.
         drives: Drives by joint.
         springs: Springs and dampers by joint.
@@ -101,6 +102,7 @@ class Robot:
     fall: FallLimits = FallLimits()
     driven: np.ndarray = field(default_factory=lambda: np.zeros(0, dtype=int))
     control_rate: float = 250.0
+    rate_stated: bool = False
     sim: SimParams = SimParams()
     drives: dict[str, DriveParams] = field(default_factory=dict)
     springs: dict[str, SpringParams] = field(default_factory=dict)
@@ -280,6 +282,7 @@ def _fit(
         "fall": from_dict(FallLimits, values["fall"], "fall"),
         "driven": np.array([i for i, joint in enumerate(joints) if joint in drives], dtype=int),
         "control_rate": float(rate),
+        "rate_stated": "control_rate" in values,
         "sim": from_dict(SimParams, values["sim"], "sim"),
         "sensors": sensors if values["sensors"] else None,
         "hall": sensors.hall_sensors(folder, joints),

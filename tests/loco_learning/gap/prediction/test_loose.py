@@ -39,7 +39,7 @@ def test_an_effect_is_not_taken_for_a_model_that_is_off(slide):
     assert evidence.rms(case.suited([], {})[0]) > 3.0
     assert evidence.rms(case.suited([FRICTION], {})[0]) < 1.1
     given = weigh(case, (), {}, given=True)
-    assert given.loose == {} and given.pull == 0.0
+    assert given.loose == {} and given.pull < 3 * 0.5 * loose.MOST**2  # of three clocks alone
 
 
 def test_where_a_record_begins_is_no_gap():

@@ -100,7 +100,7 @@ def test_a_command_holds_until_the_next(signals, hinge, change):
 
 def test_a_measured_command_runs_on_between_its_samples(signals, hinge, change):
     def rare(track):
-        return change(track, t=track.t[::50], x=track.x[::50], line=True)
+        return change(track, t=track.t[::50], x=track.x[::50], between="line")
 
     made = align.record("run", signals(command_position=rare), hinge)
     command = made.command["position"][:, 0]

@@ -124,13 +124,18 @@ class Case:
             return self.bare(specs, overrides, only, coarse), []
         given, near = overrides or {}, self.loose
         residuals, by = self._solved(near, specs, given, only, coarse)
+        left = near.left(residuals, only, by)
         for _ in range(AGAIN if exact else 1):
             if not near.far(by, exact):
                 break
-            # outside the range of the linearisation: repeat about the solution
+            # outside the range of the linearisation: repeat about the solution, if better
             near = near.about(np.where(near.stated | exact, by[0], near.at))
-            residuals, by = self._solved(near, specs, given, only, coarse)
-        return near.left(residuals, only, by), by
+            residuals, new = self._solved(near, specs, given, only, coarse)
+            there = near.left(residuals, only, new)
+            if exact and self._cost(there, new, only) > self._cost(left, by, only) + FEW:
+                break
+            left, by = there, new
+        return left, by
 
     def _solved(
         self,
@@ -188,10 +193,9 @@ class Case:
 
     def _moved(self, starts: Sequence[np.ndarray]) -> tuple[np.ndarray, ...]:
         """Change of the initial state of each record [rad, rad/s], (2n,), from its deviations."""
-        if not any(len(by) for by in starts):
-            return tuple(starts)
-        doubts = self.forward.doubtful()
-        return tuple(by * doubt[: len(by)] for by, doubt in zip(starts, doubts, strict=True))
+        spreads = self.forward.doubtful() if starts else []
+        pairs = zip(starts, spreads, strict=True)
+        return tuple(by[: len(spread)] * spread[: len(by)] for by, spread in pairs)
 
     def straight(self, specs: Sequence[Mapping], overrides: Mapping[str, Any]) -> bool:
         """True if a simulation of the refitted values agrees with the linearisation."""
@@ -283,14 +287,18 @@ class Case:
         """Residuals and deviations with values fixed at `at` and initial states refitted."""
         return self.at(at)._refitted(specs, overrides, list(range(len(self.records))))
 
-    def _line(self, left: Sequence[np.ndarray], by: Sequence[np.ndarray]) -> np.ndarray:
+    def _line(
+        self, left: Sequence[np.ndarray], by: Sequence[np.ndarray], only: Sequence[int] = ()
+    ) -> np.ndarray:
         """Residuals of fitted rows and all deviations, (N,); half its squared norm is the cost."""
-        fitted = self.masked(left, range(len(left)), held=False)
+        fitted = self.masked(left, only or range(len(left)), held=False)
         return np.concatenate([*(np.nan_to_num(r).ravel() for r in fitted), *by])
 
-    def _cost(self, left: Sequence[np.ndarray], by: Sequence[np.ndarray]) -> float:
+    def _cost(
+        self, left: Sequence[np.ndarray], by: Sequence[np.ndarray], only: Sequence[int] = ()
+    ) -> float:
         """Half of the sum of squares of fitted residuals and deviations [nat]."""
-        line = self._line(left, by)
+        line = self._line(left, by, only)
         return 0.5 * float(line @ line)
 
     def bare(
@@ -470,7 +478,7 @@ def prepare(
     fine, ground = errors.finest(forward), forward.grounded
     signals = [c.signal for c in forward.channels]
     correction, numeric = errors.step_error(forward, fine)
-    more = [errors.stepped(forward, correction[1.0])]
+    more = [errors.stepped(forward, correction[1.0]), errors.undersampled(forward)]
     more += [errors.doubts(forward, likely)] if forward.in_pieces else []
     for about in more:
         numeric = [np.hypot(n, a) for n, a in zip(numeric, about, strict=True)]

@@ -51,6 +51,14 @@ def doubts(forward: Any, likely: Sequence[Mapping[str, Any]] = ()) -> list[np.nd
     return _rms(horizon.doubt(forward, likely), forward.records)
 
 
+def undersampled(forward: Any) -> list[np.ndarray]:
+    """Change of predictions by the estimated error of undersampled commands, (T, C) each."""
+    if not any(record.unsure for record in forward.records):
+        return [np.zeros(m.shape) for m in forward.measured]
+    pairs = zip(forward.recommanded()(), forward(), strict=True)
+    return _rms([np.nan_to_num(a - b) for a, b in pairs], forward.records)
+
+
 def hunting(forward: Any, step: float) -> list[np.ndarray]:
     """Spread of simulations whose drives have limit cycles of other phases, (T, C) each.
 

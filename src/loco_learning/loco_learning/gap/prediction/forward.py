@@ -225,6 +225,38 @@ class Forward:
             times[(named == which) | (which == "all")] += spec[EFFECTS[spec["name"]].identity.late]
         return times
 
+    def reading_times(
+        self, effects: Sequence[Mapping[str, Any]], overrides: Mapping[str, Any], delay: float
+    ) -> list[np.ndarray]:
+        """Changes of predictions by the times of the readings, (T, C, 3) per record.
+
+        By a delay of all of them [s], and, unless a simulation of loco was recorded, by torques of
+        an instant, before and after the command of their row (`running.instants`).
+        """
+        values, drives = nominal.parted(overrides)
+        specs = nominal.built([e for e in effects if not _late(e)], drives)
+        changes = []
+        for i, predicted in enumerate(self(effects, overrides)):
+            record, robot = self.records[i], self._robot(i, values, 1.0)
+            change = np.zeros((*predicted.shape, 3))
+            change[..., 0] = np.nan_to_num(shifted(predicted, delay / record.dt) - predicted)
+            if not record.simulated:
+                chain, dt = from_list([*self.model.effects, *specs]), running.period(record)
+                starts = true_starts(record, robot, chain, self._starts[i])
+                run = robot, chain, self._told[i], starts, dt, self.channels
+                change[..., 1:] = running.instants(*run)
+            changes.append(change)
+        return changes
+
+    def recommanded(self) -> Forward:
+        """The same with commands that are off by their estimated error (`Record.unsure`)."""
+        other = copy(self)
+        other._told = [
+            running.orders(replace(record, command=_shifted_commands(record)), self.robot(i))
+            for i, record in enumerate(self.records)
+        ]
+        return other
+
     def nudged(self, speed: float) -> Forward:
         """Copy whose driven joints start faster by `speed` [rad/s or m/s]."""
         other = copy(self)
@@ -351,6 +383,11 @@ def _robot(model: Model, record: Record, overrides: Mapping[str, Any], step: flo
     # The same damping scheme for all effects, so that models differ by their effects only.
     sim = sim.replace(physics_rate=rate, damping_limit=limit, implicit_damping=False)
     return replace(robot, sim=sim)
+
+
+def _shifted_commands(record: Record) -> dict[str, np.ndarray]:
+    """Commands of a record that are off by their estimated error."""
+    return {k: v + record.unsure.get(k, 0.0) for k, v in record.command.items()}
 
 
 def start(record: Record, robot: Robot) -> list[Start]:

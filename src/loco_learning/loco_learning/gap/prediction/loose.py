@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Uncertain values, refitted with every model by linear least squares instead of simulations.
 
-These are values of the robot (`nominal`) and the initial states of records. The sensitivity of the
+These are values of the robot (`nominal`), the initial states of records, and the times at which
+their readings were taken. The sensitivity of the
 residual to each is simulated once. The values that fit a model best, within their priors, then
 solve a linear least-squares problem. Torques along a given motion are linear in masses, centres and
 inertias. A motion is linear for small changes only: there no value deviates by more than `MOST`
@@ -29,6 +30,9 @@ ON_BOUND = 1e-6  # tolerance of deviations on their bound (theory: rounding)
 CHANCE = 2.0  # increase of the cost that chance explains [nat] (theory: 95 % of one value)
 LEVELS, SAME = 8, 0.9  # updates of residual levels per channel, until they fall by less (taste)
 CHANGES = 20  # most iterations of the active-set method
+# Standard deviation of the delay of the motion beside all effects [s]: half a period of a drive
+# that computes its torque at 10 kHz; those of robots do at 1 to 40 kHz (engineering judgement).
+CLOCK = 5e-5
 
 
 class Products(NamedTuple):
@@ -41,7 +45,9 @@ class Products(NamedTuple):
 
 @dataclass(frozen=True)
 class Loose:
-    """Linear nuisance parameters: V values of the robot, and the initial state of each record.
+    """Linear nuisance parameters: V values of the robot, and S of each record.
+
+    Those of a record are its initial state and the times of its readings.
 
     Attributes:
         names: Dotted names of N values of the robot.
@@ -50,7 +56,7 @@ class Loose:
         legal: Smallest and largest value of each, (N, 2).
         of: Index of each among the V values; names that change together have the same, (N,).
         columns: Sensitivity of the residual [floors] per deviation, (T, C, V + S) per record, with
-            S deviations of its own initial state; 0 where nothing was measured.
+            S deviations of its own; 0 where nothing was measured.
         weight: Information of a residual of 1 floor in each channel, (C,).
         rows: Rows of each record that are fitted, (T,) flags.
         judges: Held-out rows; they determine the initial state of a record without fitted rows.
@@ -350,7 +356,25 @@ def _about(
     values = len(loose.at)
     for i, own in enumerate(starts):  # a record without deviations has no columns of its own
         found[i] = found[i][..., : values + len(own)]
+    rounds = any(getattr(d, "resolution", 0.0) for d in case.forward.robot().drives.values())
+    if math.isfinite(loose.most) and not case.ground and not rounds:  # else in `floors.hunting`
+        found = _timed(case, found, specs, loose.values(loose.at))
     return replace(loose, columns=tuple(found), grams={})
+
+
+def _timed(
+    case: Any,
+    columns: Sequence[np.ndarray],
+    specs: Sequence[Mapping[str, Any]],
+    overrides: Mapping[str, Any],
+) -> list[np.ndarray]:
+    """Columns with three more per record: of the times of its readings."""
+    changes = case.forward.reading_times(specs, overrides, CLOCK)
+    extended = []
+    for own, change, m, f in zip(columns, changes, case.forward.measured, case.floors, strict=True):
+        by_time = np.where(np.isfinite(m)[..., None], -change / f[..., None], 0.0)
+        extended.append(np.concatenate([own, by_time], axis=-1))
+    return extended
 
 
 def _per(there: Sequence[np.ndarray], here: Sequence[np.ndarray], step: float) -> list[np.ndarray]:

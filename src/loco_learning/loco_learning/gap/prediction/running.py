@@ -119,6 +119,40 @@ def run(
     return assembled(robot, channels, found._asdict(), len(told.q))
 
 
+def instants(
+    robot: Robot,
+    effects: Sequence[Effect],
+    told: Orders,
+    starts: Sequence[Start],
+    dt: float,
+    channels: Sequence[Channel],
+) -> np.ndarray:
+    """Change of torques if they are those of an instant, not means over the period before.
+
+    A drive may report the torque at the reading, or the one that it has just computed from the
+    command of that row. Arguments as of `run`; the run has a row for each physics step.
+
+    Returns:
+        (T, C, 2): change to the instant before the command of the row, and from there to the one
+        after it; 0 in other channels, with one step per period, and if the engine is needed.
+    """
+    effects = [effect for effect in effects if not effect.identity.noise]
+    parts, change = steps_in(dt, robot.sim.physics_rate), np.zeros((len(told.q), len(channels), 2))
+    torques = [i for i, channel in enumerate(channels) if channel.signal == "tau"]
+    if parts < 2 or not torques or needs_engine(robot, effects):
+        return change
+    rows = [s._replace(row=parts * s.row, stop=parts * s.stop) for s in starts]
+    by_step = run(robot, effects, told.finer(parts), rows, dt / parts, channels)[:, torques]
+    by_step = by_step.reshape(len(told.q), parts, -1)  # torque of the step before each
+    first = by_step[:, 1]  # under the command of the row
+    previous = np.roll(by_step[:, -1], 1, axis=0)
+    before = 2.0 * by_step[:, 0] - previous
+    total = np.roll(by_step[:, 1:], 1, axis=0).sum(axis=1) + by_step[:, 0]
+    mean = (total + 0.5 * (before - np.roll(first, 1, axis=0))) / parts  # trapezoidal rule
+    change[1:, torques] = np.stack([before - mean, first - before], axis=-1)[1:]
+    return np.nan_to_num(change)
+
+
 def _with_engine(
     robot: Robot,
     effects: list,

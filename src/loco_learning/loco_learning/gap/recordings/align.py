@@ -17,7 +17,7 @@ from loco_control.exceptions import ParameterError
 from loco_sim.robot.robot import Robot
 
 from . import checks, lags, observe, suspect
-from .clocks import cuts, series, steady
+from .clocks import cuts, series, slow, steady
 from .clocks.params import CUTS
 from .record import COMMANDS, FIT, INPUTS, JOINT_SIGNALS, WIDTHS, Doubt, Record
 from .tracks import AXES, Track, followed, mended
@@ -68,9 +68,10 @@ def record(
 ) -> Record:
     """Align the signals of one experiment.
 
-    A command holds from its time stamp on, unless its track is linear between samples; a measured
-    value is interpolated between its neighbours, not across gaps. A signal that is slower than the
-    axis is assigned to the ticks closest to its time stamps and is NaN between them.
+    A command holds from its time stamp on, unless its track is linear between samples or
+    undersampled (`slow`); a measured value is interpolated between its neighbours, not across gaps.
+    A signal that is slower than the axis is assigned to the ticks closest to its time stamps and is
+    NaN between them.
 
     Args:
         name: Name of the record, for messages.
@@ -100,10 +101,15 @@ def record(
     tracks = _one_sheet(tracks)
     checks.moving(name, tracks)
     start, end = _overlap(name, tracks)
-    rate = rate or _rate(tracks, robot)
+    own = rate or _rate(tracks, robot)
+    sparse = [] if rate else slow.undersampled(tracks, own, robot)
+    rate = slow.multiple(own, robot) if sparse else own
     axis = _axis(tracks, start, end, rate)
     checks.long_enough(name, axis)
     data = _fill(name, tracks, robot, axis)
+    if sparse:
+        data |= slow.commands(sparse, axis, robot, data)
+        messages.append(slow.note(sparse, own, robot))
     data |= {"role": role, "overrides": dict(overrides or {}), "resolution": observe.steps(tracks),
              "stamps": observe.stamps(tracks), "simulated": simulated,
              "trusted": trust_units}  # fmt: skip
@@ -228,9 +234,8 @@ def _fill(
         for kind in COMMANDS
         if any(role == f"command_{kind}" for role, _ in by)
     }
-    data["ramps"] = tuple(
-        kind for kind in data["command"] if any(k.line for k in tracks if k.role.endswith(kind))
-    )
+    lines = {k.role for k in tracks if k.between == "line"}
+    data["ramps"] = tuple(kind for kind in data["command"] if f"command_{kind}" in lines)
     data["inputs"] = {
         kind: _columns(by, kind, ("",), axis, hold, 1.0)[:, 0]
         for kind in INPUTS
@@ -266,7 +271,7 @@ def _columns(
 
 def hold(track: Track, axis: np.ndarray) -> np.ndarray:
     """Command at each time, (T,): zero-order hold, or interpolated if the track is linear."""
-    if track.line:
+    if track.between == "line":
         return np.interp(axis, track.t, track.x)
     row = np.searchsorted(track.t, axis + 1e-6, side="right") - 1
     return track.x[np.maximum(row, 0)]

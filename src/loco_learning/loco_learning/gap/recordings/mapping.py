@@ -95,7 +95,7 @@ class Column:
     file: str = ""
     topic: str = ""
     time: str = ""
-    between: str = "hold"
+    between: str = ""
     clock: str = ""
     missing: float | None = None
 
@@ -275,8 +275,8 @@ def _column(value: Any, index: int) -> Column:
     wrap = str(value.get("wrap", "none"))
     if wrap not in WRAPS:
         raise NameUnknownError(f"wrap of column {name!r}", wrap, WRAPS)
-    between = str(value.get("between", "hold"))
-    if between not in BETWEEN or ("between" in value and not role.startswith("command_")):
+    between = str(value.get("between", ""))
+    if "between" in value and (between not in BETWEEN or not role.startswith("command_")):
         raise ParameterError(
             f"between of column {name!r} must be {' or '.join(BETWEEN)}, of a command"
         )

@@ -56,6 +56,8 @@ class Record:
         stamps: Per role, as recorded: rate [Hz], jitter (standard deviation of the time stamps
             from even ones) [ms], number of missing samples, and longest silence [s].
         simulated: Physics step of the recorded simulation [s]; 0 for a real robot or if unknown.
+        unsure: Per kind of command, estimated error of an undersampled one, (T, m), in its unit;
+            left out if all samples are known.
         guessed: Flags of values of joint signals that were not measured, as `signals`:
             interpolated lost readings, and an assumed rest before the record. They serve as
             initial states, but are not compared.
@@ -79,6 +81,7 @@ class Record:
     warnings: tuple[str, ...] = ()
     stamps: dict[str, dict[str, float]] = field(default_factory=dict)
     simulated: float = 0.0
+    unsure: dict[str, np.ndarray] = field(default_factory=dict)
     guessed: dict[str, np.ndarray] = field(default_factory=dict)
     trusted: bool = False
 
@@ -188,6 +191,7 @@ class Record:
             signals={k: v[part] for k, v in self.signals.items()},
             inputs={k: v[part] for k, v in self.inputs.items()},
             stance={k: v[part] for k, v in self.stance.items()},
+            unsure={k: v[part] for k, v in self.unsure.items()},
             guessed={k: v[part] for k, v in self.guessed.items()},
         )
 
@@ -221,6 +225,7 @@ class Record:
             signals=signals,
             inputs={k: before(v) for k, v in self.inputs.items()},
             stance={k: before(v) for k, v in self.stance.items()},
+            unsure={k: before(v) for k, v in self.unsure.items()},
             guessed=guessed,
         )
 

@@ -43,7 +43,7 @@ class Track:
         t: Time stamps [s], (K,), not yet sorted.
         x: Values in the SI unit of the role, (K,).
         source: Column or topic, for messages.
-        line: Whether a command is linear between samples.
+        between: `hold` or `line` (linear) for a command between samples; empty if not stated.
         empty: Number of cells of a table without a reading of it.
     """
 
@@ -52,7 +52,7 @@ class Track:
     t: np.ndarray
     x: np.ndarray
     source: str
-    line: bool = False
+    between: str = ""
     empty: int = 0
 
     @property
@@ -99,9 +99,9 @@ def from_source(source: Source, mapping: Mapping, rule: Rule, robot: Robot) -> l
         inside = (t >= rule.start) & (t <= rule.end) | ~np.isfinite(t)
         if column.role != UNUSED:
             label = f"column {column.column!r}"
-            line = column.between == "line"
             lost = int((empty & ~missing).sum()) % max(len(empty), 1)
-            tracks.append(Track(column.role, column.place, t[inside], x[inside], label, line, lost))
+            values_of = t[inside], x[inside], label, column.between, lost
+            tracks.append(Track(column.role, column.place, *values_of))
     return tracks
 
 

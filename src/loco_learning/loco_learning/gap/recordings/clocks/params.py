@@ -83,4 +83,22 @@ class SeriesParams:
     own: float = 0.5
 
 
-CUTS, LINES, SERIES = CutParams(), LineParams(), SeriesParams()
+@dataclass(frozen=True)
+class SlowParams:
+    """When a log keeps but some of the commands, and how it is trusted between them.
+
+    Attributes:
+        ratio: Rate of commands over that of the log, from which on some are missing. Theory: 2
+            where every second is; less than halfway to it is a clock that is a little off.
+        samples: Values of a command of which one in four still makes a curve [values]. Theory: five
+            for a local cubic.
+        order: Highest order with which errors fall with the distance of values. Theory: 4 of a
+            cubic through something smooth.
+    """
+
+    ratio: float = 1.5
+    samples: int = 20
+    order: float = 4.0
+
+
+CUTS, LINES, SERIES, SLOW = CutParams(), LineParams(), SeriesParams(), SlowParams()

@@ -1,0 +1,93 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Commands of a log that is slower than the rate at which they were given.
+
+A table of 50 Hz holds one in four of the commands of a drive that is commanded at 200 Hz. Held
+from row to row they would be late by half a period of the log, which looks like a delay.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from scipy.interpolate import Akima1DInterpolator
+
+from loco_sim.robot.robot import Robot
+
+from ..record import Doubt
+from ..tracks import Track
+from .params import SLOW
+
+
+def undersampled(tracks: Sequence[Track], rate: float, robot: Robot) -> list[Track]:
+    """Commands logged in the rows of the angles, more rarely than robot.yaml says they are given.
+
+    Args:
+        tracks: Signals with rising time stamps.
+        rate: Rate of angles and commands [Hz].
+        robot: Robot that was measured.
+    """
+    if not robot.rate_stated or robot.control_rate < SLOW.ratio * rate:
+        return []
+    rows = {track.t.tobytes() for track in tracks if track.role == "q"}
+    commands = [k for k in tracks if k.role.startswith("command_") and k.between == ""]
+    return [k for k in commands if k.t.tobytes() in rows and len(k.t) >= SLOW.samples]
+
+
+def multiple(rate: float, robot: Robot) -> float:
+    """Smallest multiple of the rate of a log that is not below the rate of the commands [Hz]."""
+    return rate * math.ceil(robot.control_rate / rate - 0.01)
+
+
+def commands(
+    tracks: Sequence[Track], axis: np.ndarray, robot: Robot, data: Mapping[str, Any]
+) -> dict[str, dict[str, np.ndarray]]:
+    """Fields `command` and `unsure` of a record with interpolated commands.
+
+    Args:
+        tracks: Undersampled commands.
+        axis: Times of the record [s], (T,).
+        robot: Robot that was measured.
+        data: Fields of the record with commands that are held from row to row.
+    """
+    values = {kind: command.copy() for kind, command in data["command"].items()}
+    errors = {kind: np.zeros(command.shape) for kind, command in values.items()}
+    for track in tracks:
+        kind, column = track.role.removeprefix("command_"), data["driven"].index(track.place)
+        values[kind][:, column], errors[kind][:, column] = interpolated(track, axis, robot)
+    return {"command": values, "unsure": errors}
+
+
+def interpolated(track: Track, axis: np.ndarray, robot: Robot) -> tuple[np.ndarray, np.ndarray]:
+    """A command on an axis, and its estimated error there, (T,) each.
+
+    Values follow a local cubic (Akima 1970), which does not overshoot at steps. Its error is
+    estimated from the cubic through every second sample, and the order of convergence from those
+    through every fourth and every second: it is half of each step, and small for smooth commands.
+    """
+    delay = 0.5 / robot.control_rate - 0.5 * float(axis[1] - axis[0])  # mean of a held command
+    t = np.clip(axis - delay, track.t[0], track.t[-1])
+    fine, coarse = (Akima1DInterpolator(track.t[::n], track.x[::n]) for n in (1, 2))
+    inside = np.minimum(t, coarse.x[-1])
+    ratio = max(_error(track, 4), 1e-300) / max(_error(track, 2), 1e-300)
+    order = float(np.clip(math.log2(ratio), 1.0, SLOW.order))
+    return fine(t), (coarse(inside) - fine(inside)) / (2.0**order - 1.0)
+
+
+def _error(track: Track, n: int) -> float:
+    """Rms error of the cubic through every n-th sample, at the samples halfway between them."""
+    cubic = Akima1DInterpolator(track.t[::n], track.x[::n])
+    middle = slice(n // 2, None, n)
+    return float(np.sqrt(np.nanmean(np.square(cubic(track.t[middle]) - track.x[middle]))))
+
+
+def note(tracks: Sequence[Track], rate: float, robot: Robot) -> Doubt:
+    """Sentence on commands that are not known between the rows of a log."""
+    roles = ", ".join(dict.fromkeys(track.role for track in tracks))
+    return Doubt(
+        f"{roles}: logged at {rate:.4g} Hz, given at {robot.control_rate:.4g} Hz as robot.yaml "
+        "says (control_rate): between rows it is not known and was drawn as a smooth curve; if "
+        "each held until the next row, say between: hold at the column"
+    )

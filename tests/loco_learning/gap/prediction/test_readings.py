@@ -1,0 +1,114 @@
+# SPDX-License-Identifier: Apache-2.0
+"""When a reading was taken is no gap: clocks of drives, torques of an instant, thinned commands."""
+
+import math
+
+import numpy as np
+import pytest
+import yaml
+
+from loco_learning.gap.prediction import case as cases
+from loco_learning.gap.prediction.forward import Forward
+from loco_learning.gap.recordings import importing, mapping
+from loco_learning.gap.statistics import evidence
+from loco_learning.gap.verdict.decide import has_gap
+from loco_sim.plant.model import Model
+
+MASS, CENTRE, INERTIA, KP, KD, GRAVITY = 0.8, 0.2, 0.008, 12.0, 0.4, 9.81
+RATE, SECONDS = 250, 4.0
+URDF = f"""<robot name="rod"><link name="base"/><link name="rod"><inertial>
+<origin xyz="0 0 {-CENTRE}"/><mass value="{MASS}"/>
+<inertia ixx="{INERTIA}" iyy="{INERTIA}" izz="1e-4" ixy="0" ixz="0" iyz="0"/></inertial></link>
+<joint name="hinge" type="revolute"><parent link="base"/><child link="rod"/><axis xyz="0 -1 0"/>
+<limit lower="-2.5" upper="2.5" effort="30" velocity="20"/></joint></robot>"""
+
+
+def swing(seed, read="mean", period=1e-4, friction=0.0, late=0.0):
+    """Rows of t, q, tau, cmd of a rod whose drive finds its torque anew in every period [s]."""
+    rng = np.random.default_rng(seed)
+    f, p = rng.uniform(0.2, 2.5, 6), rng.uniform(0.0, 6.0, 6)
+    t = np.arange(round(SECONDS * RATE)) / RATE
+    ramp = np.minimum(1.0, t / 0.5)
+    wave = np.sin(2.0 * np.pi * f * t[:, None] + p) - np.sin(p)
+    told = 0.35 * ramp * np.sum(wave, axis=1) / math.sqrt(6.0)
+    inertia, weight = INERTIA + MASS * CENTRE**2, MASS * GRAVITY * CENTRE
+    per = round(1.0 / RATE / period)
+    wait = round(late / period)
+    queue, rows, q, v, mean, before = [0.0] * wait, [], 0.0, 0.0, 0.0, 0.0
+
+    def pull(q, v, tau):
+        return (tau - weight * math.sin(q) - friction * math.tanh(v / 5e-3)) / inertia
+
+    for goal in told:
+        for k in range(per):
+            queue.append(KP * (goal - q) - KD * v)
+            tau = queue.pop(0)
+            if k == 0:
+                rows.append((q, {"mean": mean / per, "before": before, "after": tau}[read]))
+                mean = 0.0
+            mean, a = mean + tau, pull(q, v, tau)
+            middle = v + 0.5 * period * a
+            q, v = q + period * middle, v + period * pull(q + 0.5 * period * v, middle, tau)
+            before = tau
+    seen = np.array(rows) + rng.normal(size=(len(t), 2)) * (1e-4, 0.01)
+    return np.column_stack([t, seen, told])
+
+
+@pytest.fixture
+def rod(tmp_path):
+    """Function that makes a case of three records, every so many rows of each, as files."""
+
+    def make(every=1, roles=("q", "tau"), **about):
+        drive = {"hinge": {"kind": "impedance", "kp": KP, "kd": KD}}
+        robot = {"urdf": "rod.urdf", "fixed_base": True, "height": 1.0, "joints": ["hinge"],
+                 "control_rate": RATE, "drives": drive}  # fmt: skip
+        columns = [{"column": r, "role": r, "joint": "hinge"} for r in roles]
+        columns.append({"column": "cmd", "role": "command_position", "joint": "hinge"})
+        rules = {"files": "*.csv", "time": {"column": "t"}, "columns": columns}
+        (tmp_path / "rod.urdf").write_text(URDF)
+        (tmp_path / "robot.yaml").write_text(yaml.safe_dump(robot))
+        (tmp_path / "mapping.yaml").write_text(yaml.safe_dump(rules))
+        for seed in (1, 2, 3):
+            rows = swing(seed, **about)[::every]
+            path = tmp_path / f"run{seed}.csv"
+            np.savetxt(path, rows, "%.7g", ",", header="t,q,tau,cmd", comments="")
+        model = Model(str(tmp_path))
+        known = mapping.load(tmp_path / "mapping.yaml")
+        records = importing.load(tmp_path, model.make_robot(), known)
+        return cases.prepare(Forward(model, records), records[:2], records[2:])
+
+    return make
+
+
+@pytest.mark.parametrize(
+    ("read", "period"),
+    [("mean", 1e-4), ("before", 2e-5), ("before", 1e-4), ("after", 2e-5), ("after", 1e-4)],
+)
+def test_a_right_model_leaves_noise_whenever_its_readings_were_taken(rod, read, period):
+    case = rod(read=read, period=period)
+    assert not has_gap(case.suited([], {})[0])
+    assert has_gap(case.bare([]))
+
+
+@pytest.mark.parametrize("every", [2, 5, 10])
+def test_a_right_model_leaves_noise_in_a_slow_log(rod, every):
+    case = rod(every, roles=("q",))
+    assert not has_gap(case.suited([], {})[0])
+    assert case.records[0].unsure
+
+
+@pytest.mark.parametrize("about", [{"friction": 0.02}, {"late": 2e-3}], ids=["friction", "delay"])
+@pytest.mark.parametrize("every", [1, 5])
+@pytest.mark.parametrize("read", ["mean", "after"])
+def test_what_is_hidden_is_a_gap_all_the_same(rod, about, every, read):
+    left, *_ = rod(every, read=read, **about).suited([], {})
+    assert has_gap(left) and evidence.rms(left) > 3.0
+
+
+def test_friction_explains_a_slow_log_from_any_size_nearby(rod):
+    """Straight lines about a model without friction lead away from the right one."""
+    case = rod(5, roles=("q",), friction=0.3)
+    for torque in (0.295, 0.3, 0.305):
+        left, *_ = case.suited([{"name": "coulomb_friction", "torque": torque}], {})
+        print(torque, evidence.rms(left))
+        assert evidence.rms(left) < 1.3, torque
