@@ -26,13 +26,6 @@ class Orders(NamedTuple):
         parts = (values[first:stop] for values in (self.q, self.dq, self.tau))
         return Orders(*parts, power, self.ramps, self.stance[first:stop])
 
-    def finer(self, parts: int) -> Orders:
-        """The same in rows of a part of a period each."""
-        table, which = ramped(np.stack(self[:3], axis=1), parts, self.ramps)
-        power = None if self.power is None else np.repeat(self.power, parts, axis=0)
-        stance = np.repeat(self.stance, parts, axis=0)
-        return Orders(*table[which].transpose(1, 0, 2), power, self.ramps, stance)
-
     def held(self) -> Orders:
         """Equivalent commands with held in place of interpolated values."""
         values = [

@@ -165,7 +165,6 @@ class Forward:
         overrides: Mapping[str, Any] | None = None,
         only: Sequence[int] | None = None,
         step: float = 1.0,
-        shift: float = 0.0,
     ) -> list[np.ndarray]:
         """Simulate the model.
 
@@ -176,8 +175,6 @@ class Forward:
             only: Indices of records; None is all.
             step: Ratio of the physics step to the model's, e.g. 0.5 halves it; 1 or the inverse of
                 a whole number.
-            shift: Lead of the clock of the measurements over that of the commands [s]; the
-                prediction is evaluated that much earlier.
 
         Returns:
             Ideal sensor readings per record, (T, C); NaN from the time at which the model
@@ -190,7 +187,7 @@ class Forward:
         overrides, drives = nominal.parted(overrides or {})
         late = [e for e in effects if _late(e)]
         effects = nominal.built([e for e in effects if not _late(e)], drives)
-        lag = self._lag(late, shift)
+        lag = self._lag(late)
         moved = self._ahead(late)
         found = [moved._run(i, effects, overrides, step) for i in rows]
         for by in np.unique(lag[lag != 0.0]):
@@ -216,10 +213,10 @@ class Forward:
         ]
         return other
 
-    def _lag(self, late: Sequence[Mapping[str, Any]], shift: float) -> np.ndarray:
+    def _lag(self, late: Sequence[Mapping[str, Any]]) -> np.ndarray:
         """Delay of each channel [s], (C,)."""
         named = np.array([READ_AS.get(c.signal, c.signal) for c in self.channels])
-        times = np.full(len(named), shift)
+        times = np.zeros(len(named))
         for spec in late:
             which = spec.get("channel", "all")
             times[(named == which) | (which == "all")] += spec[EFFECTS[spec["name"]].identity.late]
@@ -250,11 +247,11 @@ class Forward:
 
     def recommanded(self) -> Forward:
         """The same with commands that are off by their estimated error (`Record.unsure`)."""
-        other = copy(self)
-        other._told = [
-            running.orders(replace(record, command=_shifted_commands(record)), self.robot(i))
-            for i, record in enumerate(self.records)
-        ]
+        other, orders = copy(self), []
+        for i, record in enumerate(self.records):
+            command = {k: v + record.unsure.get(k, 0.0) for k, v in record.command.items()}
+            orders.append(running.orders(replace(record, command=command), self.robot(i)))
+        other._told = orders
         return other
 
     def nudged(self, speed: float) -> Forward:
@@ -383,11 +380,6 @@ def _robot(model: Model, record: Record, overrides: Mapping[str, Any], step: flo
     # The same damping scheme for all effects, so that models differ by their effects only.
     sim = sim.replace(physics_rate=rate, damping_limit=limit, implicit_damping=False)
     return replace(robot, sim=sim)
-
-
-def _shifted_commands(record: Record) -> dict[str, np.ndarray]:
-    """Commands of a record that are off by their estimated error."""
-    return {k: v + record.unsure.get(k, 0.0) for k, v in record.command.items()}
 
 
 def start(record: Record, robot: Robot) -> list[Start]:

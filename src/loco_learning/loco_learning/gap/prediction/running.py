@@ -12,7 +12,7 @@ import numpy as np
 from loco_control.exceptions import DivergedError, ParameterError
 from loco_sim.bolted.loop import Bolted, Pieces, needs_engine
 from loco_sim.effects.base import Effect
-from loco_sim.plant.orders import Orders
+from loco_sim.plant.orders import Orders, ramped
 from loco_sim.plant.simulation import Simulation
 from loco_sim.robot.robot import Robot
 from loco_sim.robot.servo import ServoParams, TorqueDrive
@@ -142,7 +142,11 @@ def instants(
     if parts < 2 or not torques or needs_engine(robot, effects):
         return change
     rows = [s._replace(row=parts * s.row, stop=parts * s.stop) for s in starts]
-    by_step = run(robot, effects, told.finer(parts), rows, dt / parts, channels)[:, torques]
+    table, which = ramped(np.stack(told[:3], axis=1), parts, told.ramps)
+    power = None if told.power is None else np.repeat(told.power, parts, axis=0)
+    stance = np.repeat(told.stance, parts, axis=0)
+    fine = Orders(*table[which].transpose(1, 0, 2), power, told.ramps, stance)
+    by_step = run(robot, effects, fine, rows, dt / parts, channels)[:, torques]
     by_step = by_step.reshape(len(told.q), parts, -1)  # torque of the step before each
     first = by_step[:, 1]  # under the command of the row
     previous = np.roll(by_step[:, -1], 1, axis=0)
