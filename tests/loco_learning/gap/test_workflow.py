@@ -82,13 +82,13 @@ def test_a_model_that_is_a_little_off_has_no_gap_and_is_put_right(slide):
 
 
 def test_a_model_that_explains_nothing_is_not_said_to(slide):
-    """A mass a thousandth off is refitted, too, but a delay too small to matter is what shows."""
-    late = slide.records(
-        [{"name": "sensor_latency", "delay": 1.5e-4}], overrides={"bodies.carriage.mass": 1.001}
+    """A mass a thousandth off is refitted, too, but a gain too small to matter is what shows."""
+    off = slide.records(
+        [{"name": "sensor_gain", "q": 8e-4}], overrides={"bodies.carriage.mass": 1.001}
     )
-    gap = workflow.find(slide.model, *late, QUICK)
+    gap = workflow.find(slide.model, *off, QUICK.replace(effects=(*EFFECTS, "sensor_gain")))
     assert (gap["verdict"], gap["names"]) == ("no gap", [])
-    assert gap["evidence"].endswith("command_delay too small to matter explains it.")
+    assert gap["evidence"].endswith("sensor_gain too small to matter explains it.")
 
 
 def test_what_is_a_little_off_hides_neither_friction_nor_a_mass(slide):
