@@ -171,11 +171,8 @@ def _zero(joints: Sequence[Joint]) -> dict[str, float]:
 
 
 def _fields(values: dict) -> str:
-    return "".join(f"            {key}={_literal(value)},\n" for key, value in values.items())
-
-
-def _literal(value: object) -> str:
-    return repr(value).replace("inf", 'float("inf")')
+    literals = {key: repr(value).replace("inf", 'float("inf")') for key, value in values.items()}
+    return "".join(f"            {key}={literal},\n" for key, literal in literals.items())
 
 
 def _event(index: int, one: Range, model: Portable) -> str:

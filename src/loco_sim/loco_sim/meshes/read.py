@@ -246,10 +246,7 @@ def _number(word: bytes, path: Path) -> float:
         raise ParameterError(f"the mesh {path}: {shown(word)} is no number") from None
 
 
-def _collada(data: bytes, path: Path) -> collada.Shape:
-    return collada.read(data, path, MOST_FACES)
-
-
 READERS: dict[str, Callable[[bytes, Path], collada.Shape]] = {
-    ".stl": _stl, ".obj": _wavefront, ".dae": _collada,
+    ".stl": _stl, ".obj": _wavefront,
+    ".dae": lambda data, path: collada.read(data, path, MOST_FACES),
 }  # fmt: skip
