@@ -110,5 +110,4 @@ def test_friction_explains_a_slow_log_from_any_size_nearby(rod):
     case = rod(5, roles=("q",), friction=0.3)
     for torque in (0.295, 0.3, 0.305):
         left, *_ = case.suited([{"name": "coulomb_friction", "torque": torque}], {})
-        print(torque, evidence.rms(left))
         assert evidence.rms(left) < 1.3, torque
