@@ -66,7 +66,7 @@ def test_the_steps_of_a_simulation_that_was_recorded_are_no_gap():
     for simulated in (0.0, 1e-3):
         record = replace(empty, signals={"q": q + noise}, simulated=simulated)
         case = cases.prepare(Forward(model, [record]), [record], [])
-        (residual,) = case.whitened(())
+        (residual,) = case.bare(())  # refitted delays of the drive would close a part
         rms[simulated] = float(np.sqrt(np.nanmean(residual**2)))
     assert rms[0.0] > 3.0 and 0.3 < rms[1e-3] < 1.25
 

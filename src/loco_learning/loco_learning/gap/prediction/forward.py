@@ -225,24 +225,28 @@ class Forward:
     def reading_times(
         self, effects: Sequence[Mapping[str, Any]], overrides: Mapping[str, Any], delay: float
     ) -> list[np.ndarray]:
-        """Changes of predictions by the times of the readings, (T, C, 3) per record.
+        """Changes of predictions by the times of readings and drives, (T, C, 4) per record.
 
-        By a delay of all of them [s], and, unless a simulation of loco was recorded, by torques of
-        an instant, before and after the command of their row (`running.instants`).
+        By readings that are late by `delay` [s], by drives that act later by it, and, unless a
+        simulation of loco was recorded, by torques of an instant, before and after the command of
+        their row (`running.instants`).
         """
         values, drives = nominal.parted(overrides)
         specs = nominal.built([e for e in effects if not _late(e)], drives)
+        step = 1.0 / self.robot(0).sim.physics_rate  # delays are whole steps
+        later = self([*effects, {"name": "actuation_delay", "delay": step}], overrides)
         changes = []
         for i, predicted in enumerate(self(effects, overrides)):
             record, robot = self.records[i], self._robot(i, values, 1.0)
-            change = np.zeros((*predicted.shape, 3))
-            change[..., 0] = np.nan_to_num(shifted(predicted, delay / record.dt) - predicted)
+            change = np.zeros((*predicted.shape, 4))
+            change[..., 0] = shifted(predicted, delay / record.dt) - predicted
+            change[..., 1] = (later[i] - predicted) * delay / step
             if not record.simulated:
                 chain, dt = from_list([*self.model.effects, *specs]), running.period(record)
                 starts = true_starts(record, robot, chain, self._starts[i])
                 run = robot, chain, self._told[i], starts, dt, self.channels
-                change[..., 1:] = running.instants(*run)
-            changes.append(change)
+                change[..., 2:] = running.instants(*run)
+            changes.append(np.nan_to_num(change))
         return changes
 
     def recommanded(self) -> Forward:

@@ -30,8 +30,8 @@ ON_BOUND = 1e-6  # tolerance of deviations on their bound (theory: rounding)
 CHANCE = 2.0  # increase of the cost that chance explains [nat] (theory: 95 % of one value)
 LEVELS, SAME = 8, 0.9  # updates of residual levels per channel, until they fall by less (taste)
 CHANGES = 20  # most iterations of the active-set method
-# Standard deviation of the delay of the motion beside all effects [s]: half a period of a drive
-# that computes its torque at 10 kHz; those of robots do at 1 to 40 kHz (engineering judgement).
+# Standard deviation of delays of readings and of drives beside all effects [s]: half a period of
+# a drive that computes its torque at 10 kHz; those of robots do at 1 to 40 kHz (judgement).
 CLOCK = 5e-5
 
 
@@ -368,7 +368,7 @@ def _timed(
     specs: Sequence[Mapping[str, Any]],
     overrides: Mapping[str, Any],
 ) -> list[np.ndarray]:
-    """Columns with three more per record: of the times of its readings."""
+    """Columns with four more per record: of the times of its readings and drives."""
     changes = case.forward.reading_times(specs, overrides, CLOCK)
     extended = []
     for own, change, m, f in zip(columns, changes, case.forward.measured, case.floors, strict=True):
