@@ -78,7 +78,8 @@ def test_a_model_that_is_a_little_off_has_no_gap_and_is_put_right(slide):
     assert gap["evidence"].startswith("The model is a little off. With bodies.carriage.mass")
     said = gap["model"]["overrides"]
     wanted = OFF["drives.slide.kp"] / OFF["bodies.carriage.mass"]
-    assert said["drives.slide.kp"] / said["bodies.carriage.mass"] == pytest.approx(wanted, 1e-3)
+    # A drive of 60 N·s/m that is late by 0.05 ms acts like 3 g of the 1.04 kg.
+    assert said["drives.slide.kp"] / said["bodies.carriage.mass"] == pytest.approx(wanted, 3e-3)
 
 
 def test_a_model_that_explains_nothing_is_not_said_to(slide):

@@ -80,7 +80,7 @@ def test_a_force_without_a_name_is_corrected_and_the_model_file_does_the_same(
     learned = gap["residual"]
     assert learned["used"] and learned["kind"] == KIND
     assert learned["before"] == pytest.approx(gap["gap"]["before"])
-    assert learned["closed"] > 0.8
+    assert learned["closed"] > 0.75  # a part of the force is taken for a late drive
     assert "explains nothing" in learned["says"]
     (row,) = learned["records"]
     assert (row["name"], row["after"]) == (judge[0].name, pytest.approx(learned["after"]))

@@ -42,7 +42,7 @@ def test_an_effect_of_the_smallest_size_adds_as_much_as_shows(bench, effect):
     channels = case.channel_of()
     rms = max(np.sqrt(np.mean(change[channels == k] ** 2)) for k in np.unique(channels))
     assert rms == pytest.approx(SHOWS, rel=0.3)
-    assert one.seen == visible.YES
+    assert one.seen == (visible.YES if one.smallest <= one.typical else visible.LARGE)
 
 
 def test_what_cannot_act_does_not_show(found):

@@ -24,7 +24,7 @@ from ..prediction.case import Case
 
 TRIES = 4  # sizes of an effect that are simulated
 GROW, SHRINK = 30.0, 0.03  # largest and smallest factor from one tried size to the next
-NEAR = 4.0  # factor from the target response within which the response is taken as linear
+NEAR = 2.0  # factor from the target response within which the response is taken as linear
 DEAD = 1e-6  # response over a visible one below which there is none
 FLAT, STEEP = 0.3, 3.0  # bounds on the exponent of the response over the size (taste)
 SAME = 0.95  # cosine of two responses above which these recordings cannot distinguish them
