@@ -52,3 +52,14 @@ def test_walking_by_reflex(repository, tmp_path):
     assert (tmp_path / "bags/first_csv/motion_command.csv").exists()
     assert said[2].count("done, 4.0 s simulated") == said[3].count("done, 4.0 s simulated") == 1
     assert "identical" in said[-1]
+
+
+def test_a_measured_log(repository, tmp_path):
+    """With two candidates in place of all."""
+    (tmp_path / "bags").symlink_to(repository / "bags")
+    short = {"--robot": "--effects payload coulomb_friction --robot"}
+    said = list(follow(repository / "docs/tutorial_log.md", tmp_path, short))
+    assert "mapping.yaml is a draft" in said[1] and "torque is command_torque" in said[1]
+    assert "Unknown" in said[1]
+    assert "robot.yaml is a draft" in said[2] and "No gap" not in said[2]
+    assert "Named: payload in pendulum." in said[3] and "position.z 0.52" in said[3]
