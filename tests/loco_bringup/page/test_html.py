@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from markupsafe import Markup
 
+from loco_bringup import __version__
 from loco_bringup.page import html
 from loco_bringup.page.plot import Line, Panel, Plot
 from loco_control.exceptions import BagError
@@ -116,6 +117,7 @@ def test_a_page_is_whole_and_names_no_address():
     page = Page(text)
     assert text.startswith("<!DOCTYPE html>")
     assert "http" not in text and "url(" not in text
+    assert f"Cite as:\nloco contributors, “{Markup.escape(HOSTILE)}”, loco {__version__}." in text
     assert "uPlot" not in text.partition("</main>")[2].partition("<script>")[0]  # nothing plotted
     assert page.tags.count("section") == 2 and "#second-part" in page.values
     assert "prefers-color-scheme: dark" in text and "width=device-width" in text

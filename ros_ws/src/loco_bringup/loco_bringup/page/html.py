@@ -24,6 +24,7 @@ from markupsafe import Markup
 from loco_control.exceptions import LocoError
 from loco_learning.drawing.chart import Chart
 
+from .. import __version__
 from . import chart, plot
 from .plot import Plot
 
@@ -76,7 +77,8 @@ def document(title: str, header: Markup, parts: Iterable[Part]) -> str:
     """A complete page without references to external addresses."""
     page, parts = _TEMPLATES.get_template("page.html"), list(parts)
     plotted = any('<figure class="plot"' in text for text in [header, *(p.content for p in parts)])
-    return page.render(title=title, header=header, parts=parts, plotted=plotted, **_uplot())
+    texts = {"title": title, "header": header, "version": __version__}
+    return page.render(texts, parts=parts, plotted=plotted, **_uplot())
 
 
 @functools.lru_cache(maxsize=1)
