@@ -13,14 +13,12 @@ import tty
 from collections.abc import Iterator
 from typing import Any
 
-import rclpy
-from rclpy.experimental import EventsExecutor
-from rclpy.signals import SignalHandlerOptions
 from std_srvs.srv import SetBool
 
 from loco_control.exceptions import GraphError, ParameterError
 from loco_control.ros.messages.topics import topic
-from loco_control.ros.parameters import sealed_node
+
+from ..client import GraphClient
 
 _SERVICE = "set_estop"
 _PATIENCE = 5.0  # wall time to discover robots, and for each to answer [s]
@@ -56,55 +54,39 @@ def show_estop(a: argparse.Namespace) -> int:
 
 def _beat(namespace: str, rate: float) -> int:
     """Publish the operator's heartbeat until the user ends it."""
-    context = rclpy.Context()
-    rclpy.init(args=[], context=context, signal_handler_options=SignalHandlerOptions.NO)
     row = topic("heartbeat")
-    try:
-        node = sealed_node(f"heartbeat_{os.getpid()}", context=context, namespace=namespace)
-        publisher = node.create_publisher(row.type, row.name, row.qos.writer())
+    with GraphClient(f"heartbeat_{os.getpid()}", namespace) as client:
+        publisher = client.node.create_publisher(row.type, row.name, row.qos.writer())
         sys.stdout.write(f"{rate:g} beats a second on {publisher.topic_name}; Ctrl-C ends them\n")
         sys.stdout.flush()
         with contextlib.suppress(KeyboardInterrupt):
             while True:
                 publisher.publish(row.type())
                 time.sleep(1.0 / rate)
-    finally:
-        context.try_shutdown()
     return 0
 
 
-class _Stopper:
+class _Stopper(GraphClient):
     """Service clients of all selected plants."""
 
     def __init__(self, namespace: str | None):
+        super().__init__(f"estop_{os.getpid()}")
         self._wanted = None if namespace is None else f"/{namespace}/{_SERVICE}".replace("//", "/")
-
-    def __enter__(self) -> _Stopper:
-        self._context = rclpy.Context()
-        rclpy.init(args=[], context=self._context, signal_handler_options=SignalHandlerOptions.NO)
-        self._node = sealed_node(f"estop_{os.getpid()}", context=self._context)
-        self._executor = EventsExecutor(context=self._context)
-        self._executor.add_node(self._node)
         try:
-            self._clients = {n: self._node.create_client(SetBool, n) for n in self._find()}
+            self._clients = {n: self.node.create_client(SetBool, n) for n in self._find()}
         except GraphError:
-            self.__exit__()
+            self.close()
             raise
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self._node.destroy_node()
-        self._context.try_shutdown()
 
     def _find(self) -> list[str]:
         end = time.monotonic() + _PATIENCE
         while time.monotonic() < end:
-            names = [n for n, _ in self._node.get_service_names_and_types()]
+            names = [n for n, _ in self.node.get_service_names_and_types()]
             services = [n for n in names if n == self._wanted or self._wanted is None]
             services = [n for n in services if n.rpartition("/")[2] == _SERVICE]
             if services:
                 return sorted(services)
-            self._executor.spin_once(timeout_sec=0.05)
+            self.executor.spin_once(timeout_sec=0.05)
         where = "" if self._wanted is None else f" {self._wanted}"
         domain = os.environ.get("ROS_DOMAIN_ID", "0")
         raise GraphError(f"no robot offers the service{where or ' ' + _SERVICE} on domain {domain}")
@@ -115,7 +97,7 @@ class _Stopper:
         for name, client in self._clients.items():
             client.wait_for_service(timeout_sec=_PATIENCE)
             future: Any = client.call_async(SetBool.Request(data=stop))
-            self._executor.spin_until_future_complete(future, timeout_sec=_PATIENCE)
+            self.executor.spin_until_future_complete(future, timeout_sec=_PATIENCE)
             answer = future.result() if future.done() else None
             text = answer.message if answer else f"no answer within {_PATIENCE:g} s"
             sys.stdout.write(f"{name.rpartition('/')[0] or '/'}: {text}\n")
@@ -125,21 +107,13 @@ class _Stopper:
 
 
 def _keys() -> Iterator[str]:
-    """Pressed keys, until the end of the input."""
-    with _unbuffered():
+    """Pressed keys, until the end of the input; a terminal delivers them without Enter."""
+    before = termios.tcgetattr(sys.stdin) if sys.stdin.isatty() else None
+    try:
+        if before:
+            tty.setcbreak(sys.stdin)
         while key := sys.stdin.read(1):
             yield key
-
-
-@contextlib.contextmanager
-def _unbuffered() -> Iterator[None]:
-    """Context in which the terminal delivers each key immediately, not line by line."""
-    if not sys.stdin.isatty():
-        yield
-        return
-    before = termios.tcgetattr(sys.stdin)
-    try:
-        tty.setcbreak(sys.stdin)
-        yield
     finally:
-        termios.tcsetattr(sys.stdin, termios.TCSADRAIN, before)
+        if before:
+            termios.tcsetattr(sys.stdin, termios.TCSADRAIN, before)

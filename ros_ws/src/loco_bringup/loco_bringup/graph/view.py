@@ -9,16 +9,10 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-import rclpy
-import rclpy.task
-from rclpy.experimental import EventsExecutor
-from rclpy.qos import DurabilityPolicy, ReliabilityPolicy
-from rclpy.signals import SignalHandlerOptions
-
 from loco_control.ros.endpoints import is_named, living, low_pid, own_host
 from loco_control.ros.messages.topics import topic
-from loco_control.ros.parameters import sealed_node
 
+from ..client import GraphClient, kind_of
 from . import node_set
 from .process_info import node_processes
 
@@ -94,27 +88,16 @@ class View:
         return next((e.pid for e in self.endpoints if e.node == node and e.pid), pid)
 
 
-class Onlooker:
-    """A node that only observes graphs; use it as a context manager."""
+class Onlooker(GraphClient):
+    """A node that only observes graphs."""
 
-    def __enter__(self) -> Onlooker:
-        self._context = rclpy.Context()
-        rclpy.init(args=[], context=self._context, signal_handler_options=SignalHandlerOptions.NO)
-        self._node = sealed_node(f"{NAME}_{os.getpid()}", context=self._context)
+    def __init__(self) -> None:
+        super().__init__(f"{NAME}_{os.getpid()}")
         self._reports: dict[str, tuple[Any, float]] = {}
         self._events: list[Occurrence] = []
         self._heard: set[str] = set()
         row = topic("/diagnostics")
-        self._node.create_subscription(row.type, row.name, self._on_report, row.qos.reader(100))
-        self._executor = EventsExecutor(context=self._context)
-        self._executor.add_node(self._node)
-        self._forever = rclpy.task.Future()
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self._executor.shutdown()
-        self._node.destroy_node()
-        self._context.try_shutdown()
+        self.node.create_subscription(row.type, row.name, self._on_report, row.qos.reader(100))
 
     def listen(self, seconds: float, silent: float = SILENT) -> View:
         """Snapshot after listening for some time.
@@ -128,12 +111,10 @@ class Onlooker:
         end = time.monotonic() + seconds
         while (remaining := end - time.monotonic()) > 0:
             self._follow_events()
-            self._executor.spin_until_future_complete(
-                self._forever, timeout_sec=min(0.2, remaining)
-            )
+            self.spin(min(0.2, remaining))
         endpoints, end = self._endpoints(), time.monotonic() + _NAMING
         while not all(e.named for e in endpoints) and time.monotonic() < end:
-            self._executor.spin_until_future_complete(self._forever, timeout_sec=0.1)
+            self.spin(0.1)
             endpoints = self._endpoints()
         time_now = time.monotonic()
         reports = {
@@ -155,12 +136,12 @@ class Onlooker:
     def _follow_events(self) -> None:
         """Subscribe to events; they are latched, so earlier events arrive too."""
         row = topic("events")
-        for name, types in self._node.get_topic_names_and_types():
+        for name, types in self.node.get_topic_names_and_types():
             space, _, last = name.rpartition("/")
             if last != row.name or name in self._heard or "loco_msgs/msg/Event" not in types:
                 continue
             self._heard.add(name)
-            self._node.create_subscription(
+            self.node.create_subscription(
                 row.type, name, self._on_event(space.strip("/")), row.qos.reader(100)
             )
 
@@ -172,7 +153,7 @@ class Onlooker:
         return heard
 
     def _endpoints(self) -> list[Endpoint]:
-        node, endpoints = self._node, []
+        node, endpoints = self.node, []
         host = own_host(node.get_subscriptions_info_by_topic("/diagnostics"))
         pids = _pids()
         for name, _ in node.get_topic_names_and_types():
@@ -181,20 +162,18 @@ class Onlooker:
                 (False, node.get_subscriptions_info_by_topic(name)),
             ):
                 endpoints += [_endpoint(info, name, writes, pids) for info in living(infos, host)]
-        own_name = self._node.get_name()
+        own_name = node.get_name()
         return [e for e in endpoints if e.node.rpartition("/")[2] != own_name]
 
 
 def _endpoint(info: Any, name: str, writes: bool, pids: dict[int, int]) -> Endpoint:
-    profile = info.qos_profile
     return Endpoint(
         name,
         f"{info.node_namespace}/{info.node_name}".strip("/").replace("//", "/"),
         writes,
         info.topic_type,
         str(info.topic_type_hash),
-        profile.reliability == ReliabilityPolicy.RELIABLE,
-        profile.durability == DurabilityPolicy.TRANSIENT_LOCAL,
+        *kind_of(info.qos_profile),
         pids.get(low_pid(info), 0),
         is_named(info),
     )

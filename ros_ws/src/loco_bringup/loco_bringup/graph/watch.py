@@ -9,20 +9,17 @@ import signal
 import time
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from threading import current_thread, main_thread
 from typing import Any
-
-import rclpy
-from rclpy.experimental import EventsExecutor
-from rclpy.signals import SignalHandlerOptions
 
 from loco_control.exceptions import GraphError
 from loco_control.ros.endpoints import ANOTHER, own_host, strangers
 from loco_control.ros.messages.joint_topics import TABLES
 from loco_control.ros.messages.topics import topic
-from loco_control.ros.parameters import sealed_node
 
+from ..client import GraphClient
 from ..outcome import KEPT, Outcome, Progress
 from .processes import Guard, Process, stop_all
 from .start import StartLimits, StartMonitor
@@ -111,7 +108,7 @@ class Watch:
         try:
             with _Listener(self, list(self._graphs)) as listener:
                 while not self._stopped and not all(g.done for g in self._graphs.values()):
-                    listener.spin()
+                    listener.spin(0.1)
                     self._look_for_strangers(listener)
                     self._check()
                     self._progress.pids = {p.name: p.pid for p in self._processes}
@@ -241,60 +238,46 @@ def _join(namespace: str, name: str) -> str:
     return f"{namespace}/{name}" if namespace else name
 
 
-class _Listener:
+class _Listener(GraphClient):
     """Node of the supervisor, which subscribes to events, diagnostics and recorder status."""
 
     def __init__(self, watch: Watch, namespaces: list[str]):
-        self._watch, self._namespaces = watch, namespaces
-
-    def __enter__(self) -> _Listener:
         # Ctrl-C becomes a KeyboardInterrupt between messages, while the context is valid: within a
         # message, the executor's C++ would make a RuntimeError of it.
         self._interrupted, self._handler = False, signal.getsignal(signal.SIGINT)
         if self._handler is signal.default_int_handler and current_thread() is main_thread():
             signal.signal(signal.SIGINT, self._interrupt)
-        self._context = rclpy.Context()
-        rclpy.init(args=[], context=self._context, signal_handler_options=SignalHandlerOptions.NO)
-        self._node = sealed_node("supervisor", context=self._context)
-        self._subscribe("/diagnostics", "", self._watch.on_diagnostics)
-        for namespace in self._namespaces:
-            self._subscribe("events", namespace, self._of(namespace, self._watch.on_event))
-            status = self._of(namespace, self._watch.on_recorder)
-            self._subscribe("recorder_status", namespace, status)
-        self._executor = EventsExecutor(context=self._context)
-        self._executor.add_node(self._node)
-        return self
-
-    @staticmethod
-    def _of(namespace: str, callback: Callable[[str, Any], None]) -> Callable[[Any], None]:
-        return lambda message: callback(namespace, message)
+        super().__init__("supervisor")
+        self._subscribe("/diagnostics", "", watch.on_diagnostics)
+        for namespace in namespaces:
+            self._subscribe("events", namespace, partial(watch.on_event, namespace))
+            self._subscribe("recorder_status", namespace, partial(watch.on_recorder, namespace))
 
     def _subscribe(self, name: str, namespace: str, callback: Callable[[Any], None]) -> None:
         row = topic(name)
-        self._node.create_subscription(
+        self.node.create_subscription(
             row.type, _join(namespace, row.name), callback, row.qos.reader(100)
         )
 
     def strangers(self, topics: Iterable[str]) -> str:
         """First of these topics with several writers, and the writers' names; "" for none."""
-        host = own_host(self._node.get_publishers_info_by_topic("rosout"))
-        results = (strangers(self._node, topic, host) for topic in topics)
+        host = own_host(self.node.get_publishers_info_by_topic("rosout"))
+        results = (strangers(self.node, topic, host) for topic in topics)
         return next(filter(None, results), "")
 
-    def spin(self) -> None:
-        """Handle messages that arrive within 0.1 s."""
-        end = time.monotonic() + 0.1
+    def spin(self, seconds: float) -> None:
+        """Handle messages for a wall time [s]."""
+        end = time.monotonic() + seconds
         while (remaining := end - time.monotonic()) > 0.0:
-            self._executor.spin_once(timeout_sec=remaining)  # leaves no pending tasks
+            self.executor.spin_once(timeout_sec=remaining)  # leaves no pending tasks
             if self._interrupted:
                 raise KeyboardInterrupt
 
     def _interrupt(self, *_: object) -> None:
         self._interrupted = True
 
-    def __exit__(self, *_: object) -> None:
+    def close(self) -> None:
+        """Leave the graph, and give Ctrl-C back to its former handler."""
         if signal.getsignal(signal.SIGINT) == self._interrupt:
             signal.signal(signal.SIGINT, self._handler)
-        self._executor.shutdown()  # first: it uses the node
-        self._node.destroy_node()
-        self._context.try_shutdown()
+        super().close()

@@ -7,15 +7,10 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
-import rclpy
-import rclpy.task
-from rclpy.experimental import EventsExecutor
-from rclpy.signals import SignalHandlerOptions
-
 from loco_control.exceptions import GraphError
 from loco_control.ros.messages.topics import Topic
-from loco_control.ros.parameters import sealed_node
 
+from ..client import GraphClient
 from ..graph.start import StartMonitor
 from .compare import Comparison
 
@@ -34,7 +29,7 @@ class Step:
     before: list[tuple[str, bytes]] = field(default_factory=list)  # operator messages
 
 
-class Feed:
+class Feed(GraphClient):
     """Publisher of ticks to live controllers; each tick waits for the answers to the previous one.
 
     Args:
@@ -55,40 +50,28 @@ class Feed:
         comparison: Comparison,
         namespace: str = "",
     ):
+        super().__init__("robot_sim", namespace)
         self._steps, self._key_of, self._comparison = steps, key_of, comparison
         self._at = -1
         self._waiting: dict[str, bytes] = {}
         self._ready: set[str] = set()
         self._n_ready = 0  # ready nodes already counted as progress
         self._moved = time.monotonic()
-        # Ctrl-C must raise KeyboardInterrupt here and leave the context valid.
-        self._context = rclpy.Context()
-        rclpy.init(args=[], context=self._context, signal_handler_options=SignalHandlerOptions.NO)
-        self._node = sealed_node("robot_sim", context=self._context, namespace=namespace)
         self._readers = {row.name: set(row.readers) for row in said}
         self._error = ""
         self._unheard = 0  # operator messages not acknowledged yet
         self._outputs = {
-            row.name: self._node.create_publisher(row.type, row.name, row.qos.writer())
+            row.name: self.node.create_publisher(row.type, row.name, row.qos.writer())
             for row in said
         }
         for row in heard:
-            self._node.create_subscription(
+            self.node.create_subscription(
                 row.type, row.name, self._receiver(row.name), row.qos.reader(), raw=True
             )
-        self._executor = EventsExecutor(context=self._context)
-        self._executor.add_node(self._node)
-        self._forever = rclpy.task.Future()
 
     def hear_events(self, row: Topic) -> None:
         """Subscribe to the events that report readiness and errors."""
-        self._node.create_subscription(row.type, row.name, self._on_event, row.qos.reader(100))
-
-    def close(self) -> None:
-        """Leave the graph; also destroy the executor, which would keep the endpoints alive."""
-        self._executor.shutdown()
-        self._node.destroy_node()
-        self._context.try_shutdown()
+        self.node.create_subscription(row.type, row.name, self._on_event, row.qos.reader(100))
 
     def run(
         self,
@@ -109,7 +92,7 @@ class Feed:
             GraphError: A controller makes no progress before it is ready, or reports an error.
         """
         while self._at < len(self._steps):
-            self._executor.spin_until_future_complete(self._forever, timeout_sec=0.1)
+            self.spin(0.1)
             check()
             if self._error:
                 raise GraphError(self._error)

@@ -15,24 +15,14 @@ from datetime import datetime
 from pathlib import Path
 from typing import Any
 
-import rclpy
-import rclpy.task
-from rclpy.experimental import EventsExecutor
 from rclpy.node import Node
-from rclpy.qos import (
-    DurabilityPolicy,
-    HistoryPolicy,
-    QoSProfile,
-    ReliabilityPolicy,
-)
-from rclpy.signals import SignalHandlerOptions
 
 from loco_control.exceptions import NameUnknownError, ParameterError
 from loco_control.ros.messages.definitions import definition, type_hash
 from loco_control.ros.messages.installed import ros_class
-from loco_control.ros.parameters import sealed_node
 
 from ..bag.writer import BagWriter, Limits, qos_dict
+from ..client import GraphClient, kind_of, matching
 from ..terminal import console
 
 DEPTH = 1000  # queue length, for a slow disk
@@ -79,38 +69,30 @@ def record(
     folder = out or Path("bags") / f"record_{datetime.now():%Y%m%d-%H%M%S}"
     custom = {"recorded_at": datetime.now().astimezone().isoformat()}
     writer = BagWriter(folder, custom, limits=limits)
-    context = rclpy.Context()
-    rclpy.init(args=[], context=context, signal_handler_options=SignalHandlerOptions.NO)
-    node = sealed_node("loco_record", context=context)
-    tap = Tap(node, writer, topics, pattern, stamps)
+    client = GraphClient("loco_record")
+    tap = Tap(client.node, writer, topics, pattern, stamps)
     try:
-        _spin(node, tap, context, duration, messages)
+        _spin(client, tap, duration, messages)
     except KeyboardInterrupt:
         pass
     finally:
-        node.destroy_node()
-        context.try_shutdown()
-        writer.custom.update(tap.about())
+        client.close()
+        writer.custom["log_time"] = "stamp" if stamps else "arrival"
         writer.close()
     return _tell(tap, writer)
 
 
-def _spin(node: Node, tap: Tap, context: Any, duration: float, messages: int) -> None:
-    executor = EventsExecutor(context=context)
-    executor.add_node(node)
-    forever, began, flushed = rclpy.task.Future(), time.monotonic(), time.monotonic()
-    try:
-        while not tap.writer.failed:
-            tap.look()
-            executor.spin_until_future_complete(forever, timeout_sec=_CHECK_PERIOD)
-            time_now = time.monotonic()
-            if time_now - flushed > _FLUSH:
-                flushed = time_now
-                tap.writer.flush()
-            if (duration and time_now - began >= duration) or 0 < messages <= tap.counts.total():
-                return
-    finally:
-        executor.shutdown()
+def _spin(client: GraphClient, tap: Tap, duration: float, messages: int) -> None:
+    began = flushed = time.monotonic()
+    while not tap.writer.failed:
+        tap.look()
+        client.spin(_CHECK_PERIOD)
+        time_now = time.monotonic()
+        if time_now - flushed > _FLUSH:
+            flushed = time_now
+            tap.writer.flush()
+        if (duration and time_now - began >= duration) or 0 < messages <= tap.counts.total():
+            return
 
 
 def _tell(tap: Tap, writer: BagWriter) -> int:
@@ -158,10 +140,6 @@ class Tap:
         """Requested topics that never appeared."""
         return self._requested - set(self.counts) - set(self.refused)
 
-    def about(self) -> dict[str, str]:
-        """Metadata for the bag."""
-        return {"log_time": "stamp" if self._stamps else "arrival"}
-
     def look(self) -> None:
         """Subscribe to new topics of the graph."""
         for name, types in self._node.get_topic_names_and_types():
@@ -187,16 +165,16 @@ class Tap:
         text, hash_ = definition(types[0]), type_hash(types[0])
         fields = list(kind.get_fields_and_field_types().items())
         stamped = fields and fields[0][1] in ("builtin_interfaces/Time", "std_msgs/Header")
-        self.writer.add_topic(
-            name, types[0], text, hash_, [_offered_qos(o.qos_profile) for o in offers]
-        )
+        offered = [offer.qos_profile for offer in offers]
+        profiles = [qos_dict(*kind_of(qos), qos.depth or 1) for qos in offered]
+        self.writer.add_topic(name, types[0], text, hash_, profiles)
         self.counts[name] = 0
 
         def receive(data: bytes) -> None:
             self.counts[name] += 1
             self.writer.write(name, data, self._time(data, bool(stamped)))
 
-        self._node.create_subscription(kind, name, receive, matching(offers), raw=True)
+        self._node.create_subscription(kind, name, receive, matching(offers, DEPTH), raw=True)
 
     def _time(self, data: bytes, stamped: bool) -> int:
         """Log time of a message [ns]."""
@@ -206,24 +184,3 @@ class Tap:
             seconds = int.from_bytes(data[4:8], "little", signed=True)
             self._newest = seconds * 1_000_000_000 + int.from_bytes(data[8:12], "little")
         return self._newest
-
-
-def matching(offers: list[Any]) -> QoSProfile:
-    """QoS profile compatible with every publisher: the weakest reliability and durability."""
-    profiles = [offer.qos_profile for offer in offers]
-    reliable = all(p.reliability == ReliabilityPolicy.RELIABLE for p in profiles)
-    latched = all(p.durability == DurabilityPolicy.TRANSIENT_LOCAL for p in profiles)
-    return QoSProfile(
-        history=HistoryPolicy.KEEP_LAST,
-        depth=DEPTH,
-        reliability=ReliabilityPolicy.RELIABLE if reliable else ReliabilityPolicy.BEST_EFFORT,
-        durability=DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE,
-    )
-
-
-def _offered_qos(profile: QoSProfile) -> dict[str, Any]:
-    return qos_dict(
-        profile.reliability == ReliabilityPolicy.RELIABLE,
-        profile.durability == DurabilityPolicy.TRANSIENT_LOCAL,
-        profile.depth or 1,
-    )

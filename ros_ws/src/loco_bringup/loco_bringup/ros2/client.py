@@ -6,39 +6,22 @@ from __future__ import annotations
 import os
 import time
 from collections.abc import Callable
-from typing import Any, TypeVar
-
-import rclpy
-from rclpy.experimental import EventsExecutor
-from rclpy.signals import SignalHandlerOptions
+from typing import Any
 
 from loco_control.exceptions import GraphError, NameUnknownError
-from loco_control.ros.parameters import sealed_node
 
-T = TypeVar("T")
+from ..client import GraphClient
+
 DISCOVERY = 10.0  # longest wall time to discover a named topic, node or service [s]
 ANSWER = 60.0  # longest wall time for a discovered node to answer, long for busy nodes [s]
 SETTLE = 1.0  # wall time without new names after which a list is complete [s]
 
 
-class Client:
-    """Context manager with the node of one command.
+class Client(GraphClient):
+    """Node of one command, hidden as for the original ros2 commands."""
 
-    Attributes:
-        node: Node of the command, hidden as for the original ros2 commands.
-    """
-
-    def __enter__(self) -> Client:
-        self._context = rclpy.Context()
-        rclpy.init(args=[], context=self._context, signal_handler_options=SignalHandlerOptions.NO)
-        self.node = sealed_node(f"_ros2cli_{os.getpid()}", context=self._context)
-        self._executor = EventsExecutor(context=self._context)
-        self._executor.add_node(self.node)
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.node.destroy_node()
-        self._context.try_shutdown()
+    def __init__(self) -> None:
+        super().__init__(f"_ros2cli_{os.getpid()}")
 
     def spin(self, seconds: float) -> None:
         """Process callbacks for a time [s]."""
@@ -50,7 +33,7 @@ class Client:
         while not condition():
             if time.monotonic() > end:
                 return False
-            self._executor.spin_once(timeout_sec=0.02)
+            self.executor.spin_once(timeout_sec=0.02)
         return True
 
     def result(self, future: Any, what: str) -> Any:

@@ -13,6 +13,7 @@ import numpy as np
 from loco_control.exceptions import GraphError
 from loco_control.ros.messages.installed import profile
 
+from ..client import matching
 from .client import DISCOVERY, Client
 from .values import as_yaml, filled, type_of
 
@@ -70,10 +71,7 @@ def _listen(client: Client, name: str, kind: str | None, receive: Any = None) ->
     got: list[Any] = []
     cls = type_of(kind or client.topic_type(name), "msg")
     client.wait(lambda: client.node.get_publishers_info_by_topic(name), DISCOVERY)
-    writers = [w.qos_profile for w in client.node.get_publishers_info_by_topic(name)]
-    reliable = bool(writers) and all(w.reliability.name == "RELIABLE" for w in writers)
-    latched = bool(writers) and all(w.durability.name == "TRANSIENT_LOCAL" for w in writers)
-    quality = profile(reliable, latched, 100)
+    quality = matching(client.node.get_publishers_info_by_topic(name), 100)
     client.node.create_subscription(cls, name, receive or got.append, quality)
     return got
 

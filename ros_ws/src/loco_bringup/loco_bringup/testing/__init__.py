@@ -27,7 +27,6 @@ import pytest
 from loco_control.exceptions import GraphError
 from loco_control.files import locked
 from loco_control.ros import RANGE, settle_network
-from loco_control.ros.parameters import sealed_node
 
 __all__ = ["Graph", "claim_domain", "isolate", "loco_graph", "servo_bus"]
 
@@ -147,7 +146,7 @@ class Graph:
     ):
         self.folder, self.outcome, self.progress = Path(folder), None, None
         self._experiment, self._changes, self._ready = experiment, changes or {}, ready
-        self._options = (layout, clock, speed, nodes)
+        self._options = {"layout": layout, "clock": clock, "speed": speed, "nodes": nodes}
         self._namespace, self._end = namespace.strip("/"), False
         self._error: BaseException | None = None
 
@@ -169,17 +168,9 @@ class Graph:
         return self
 
     def _join_graph(self) -> None:
-        import rclpy
-        import rclpy.task
-        from rclpy.experimental import EventsExecutor
-        from rclpy.signals import SignalHandlerOptions
+        from ..client import GraphClient
 
-        self._context = rclpy.Context()
-        rclpy.init(args=[], context=self._context, signal_handler_options=SignalHandlerOptions.NO)
-        self._node = sealed_node("tester", context=self._context)
-        self._executor = EventsExecutor(context=self._context)
-        self._executor.add_node(self._node)
-        self._never = rclpy.task.Future()
+        self._client = GraphClient("tester")
         self._publishers: dict[str, Any] = {}
         self._heard: dict[str, list[Any]] = {}
         self.listen("events")
@@ -187,11 +178,10 @@ class Graph:
     def _run(self) -> None:
         from ..graph import run
 
-        layout, clock, speed, nodes = self._options
         try:
             self.outcome = run.run(
-                self._experiment, self.folder, layout, clock, speed, nodes, self._on_progress,
-                self._namespace,
+                self._experiment, self.folder, namespace=self._namespace,
+                on_progress=self._on_progress, **self._options,
             )  # fmt: skip
         except BaseException as error:  # raised in the test's thread
             self._error = error
@@ -203,9 +193,7 @@ class Graph:
     def __exit__(self, kind: Any = None, *_: object) -> None:
         self._end = True
         self._thread.join()
-        self._executor.shutdown()
-        self._node.destroy_node()
-        self._context.try_shutdown()
+        self._client.close()
         if kind is None and self._error is not None:
             raise self._error
 
@@ -238,7 +226,7 @@ class Graph:
         if topic not in self._heard:
             kind, qos = self._row(topic, type)
             self._heard[topic] = []
-            self._node.create_subscription(
+            self._client.node.create_subscription(
                 kind, self._full(topic), self._heard[topic].append, qos.reader(1000)
             )
         return self._heard[topic]
@@ -282,7 +270,8 @@ class Graph:
         if topic not in self._publishers:
             kind, qos = self._row(topic, type(message))
             full = self._full(topic)
-            self._publishers[topic] = self._node.create_publisher(kind, full, qos.writer())
+            node = self._client.node
+            self._publishers[topic] = node.create_publisher(kind, full, qos.writer())
         publisher = self._publishers[topic]
         connected = lambda: publisher.get_subscription_count() >= readers  # noqa: E731
         self._wait(connected, timeout, f"{readers} readers of {topic}")
@@ -313,7 +302,7 @@ class Graph:
 
         from ..graph import node_set
 
-        table = TABLES[node_set.table_of(self._options[3] or self._experiment.node_set)]
+        table = TABLES[node_set.table_of(self._options["nodes"] or self._experiment.node_set)]
         if name in table:
             return table[name].type, table[name].qos
         if kind is None:
@@ -329,7 +318,7 @@ class Graph:
             if time.monotonic() > end or (over and what != "the end of the run"):
                 after = "before the run ended" if over else f"within {timeout:g} s"
                 raise GraphError(f"{what} did not come {after}; logs are in {self.folder}/logs")
-            self._executor.spin_until_future_complete(self._never, timeout_sec=0.05)
+            self._client.spin(0.05)
 
 
 # ---- pytest
