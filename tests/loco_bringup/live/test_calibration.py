@@ -8,7 +8,7 @@ from loco_bringup.bag.reader import Bag
 from loco_bringup.bag.writer import BagWriter
 from loco_bringup.calibrate.bag import read_recording
 from loco_bringup.cli.main import main
-from loco_bringup.live import calibration as live
+from loco_bringup.live import run as live
 from loco_bringup.report.live_log import is_live, read_live
 from loco_bringup.report.report import write_report
 from loco_control.exceptions import BagError, ParameterError
@@ -31,7 +31,7 @@ SHORT = live.LiveParams(listen=3.0, after=2, speed=1.5)
 
 def calibrate(folder, options=SMALL, tell=lambda progress: None):
     measured = load("tigrillo_sine", MEASURED)
-    return live.calibrate_live(measured, "tigrillo", folder, options, SHORT, tell)
+    return live.run_live(live.Calibration, measured, "tigrillo", folder, options, SHORT, tell)
 
 
 @pytest.fixture(scope="module")
@@ -144,12 +144,13 @@ def test_an_experiment_of_hyq_cannot_stand_for_the_measured_robot():
 
 
 def test_the_command_tells_of_the_gap_and_writes_the_page(outcome, monkeypatch, capsys):
-    def replayed(measured, robot, folder, options, params, tell):
+    def replayed(kind, measured, robot, folder, options, params, tell):
+        assert kind is live.Calibration
         assert (measured.robot, robot, options.generations) == ("tigrillo", "tigrillo", 3)
         tell(live.LiveProgress("fitting", 3.0, 1, 0.5, 2.0, [live.GapRow(2.0, 0.7, 0, False)]))
         return outcome
 
-    monkeypatch.setattr(live, "calibrate_live", replayed)
+    monkeypatch.setattr(live, "run_live", replayed)
     with pytest.raises(SystemExit, match="0"):
         main(["calibrate", "--live", "--generations", "3", "--out", str(outcome.folder)])
     out = capsys.readouterr().out

@@ -6,30 +6,25 @@ from __future__ import annotations
 import time
 from dataclasses import replace
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from loco_control.exceptions import ParameterError
 from loco_learning.calibration.params import CalibrationParams
-from loco_learning.calibration.recording import Recording
 from loco_learning.calibration.worker import Done, Failed, Progress, Started, Worker
 from loco_msgs.action import Calibrate
 from loco_sim.plant import model as models
 
 from ..calibrate.bag import read_recording
-
-if TYPE_CHECKING:
-    from .calibrator import CalibratorNode
+from .goal import Goal
 
 
-class Job:
+class CalibrationGoal(Goal):
     """One goal: connect, listen, fit, send the models to the model robot."""
 
-    WHAT = "a calibration"
+    ACTION, NAME, WHAT = Calibrate, "calibrate", "a calibration"
 
-    def __init__(self, node: CalibratorNode, handle: Any):
-        self._node, self._handle, self._goal = node, handle, handle.request
-        self.duration = node.listen.duration
-        self._worker: Worker | None = None
+    def __init__(self, node: Any, handle: Any):
+        super().__init__(node, handle)
         self._offered, self._swapped = "", -1e9  # model to be sent, time of the last swap [s]
         self._fit: Done | None = None
         self._model = ""
@@ -50,10 +45,11 @@ class Job:
         live = "" if goal.bag else goal.measured
         await node.connect(live, goal.model, robot, self.duration + 1.0)
         if live:
-            node.tell("listening", f"{self.duration:g} s of {live}")
-            source = await self._record(robot.control_rate)
+            self.publish("listening", f"{self.duration:g} s of {live}")
+            signals = await self._listen()
+            source = signals.recording(robot.control_rate) if signals else None
         else:
-            node.tell("listening", goal.bag)
+            self.publish("listening", goal.bag)
             source = partial(read_recording, bag, robot.control_rate, goal.measured)
         if not self._cancelled():
             self._worker = Worker(source, name, options, node.make)
@@ -71,12 +67,9 @@ class Job:
             changes["skip"] = 0.0  # the listener has already skipped the start
         return replace(self._node.options, **changes)
 
-    async def _record(self, rate: float) -> Recording | None:
-        robot, timeout = self._node.measured, self._node.listen.patience
-        while robot.signals.length < self.duration and not self._cancelled():
-            await self._node.until(lambda: True)
-            robot.check(timeout)
-        return None if self._cancelled() else robot.signals.recording(rate)
+    def publish(self, phase: str, text: str = "") -> None:
+        """Publish the state of the calibration."""
+        self._node.publish(self._node.state, phase, text)
 
     async def _fitting(self) -> None:
         node, deadline = self._node, None
@@ -98,7 +91,7 @@ class Job:
             raise ParameterError(news.text)
         if isinstance(news, Started):
             state.before = state.best = news.before
-            self._node.tell("fitting", f"error before {news.before:.4g}")
+            self.publish("fitting", f"error before {news.before:.4g}")
         elif isinstance(news, Progress):
             self._on_generation(news)
         elif isinstance(news, Done):
@@ -111,7 +104,7 @@ class Job:
             self._model = self._offered = news.model
             state.best, state.names, state.values = g.best, list(g.values), list(g.values.values())
         state.eta = g.eta
-        self._node.tell("fitting", f"generation {g.index}: {g.best:.4g}")
+        self.publish("fitting", f"generation {g.index}: {g.best:.4g}")
         self._handle.publish_feedback(
             Calibrate.Feedback(
                 generation=g.index, evaluations=g.evaluations, best=state.best, sigma=g.sigma,
@@ -128,9 +121,6 @@ class Job:
             robot.send(self._offered)
             self._offered, self._swapped = "", robot.signals.now
 
-    def _cancelled(self) -> bool:
-        return self._handle.is_cancel_requested
-
     def _result(self) -> Calibrate.Result:
         state = self._node.state
         done = f"{state.tick} generations, {state.evaluations} rollouts"
@@ -142,8 +132,3 @@ class Job:
             names=state.names, values=state.values, loss_before=state.before,
             loss_after=state.best, model_yaml=self._model, message=text,
         )  # fmt: skip
-
-    def close(self) -> None:
-        """Stop the worker process."""
-        if self._worker:
-            self._worker.close()

@@ -16,6 +16,7 @@ import time
 import traceback
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 from rclpy.action import ActionServer, CancelResponse
@@ -33,12 +34,12 @@ from loco_learning.calibration.live import GapMeter
 from loco_learning.calibration.params import CalibrationParams
 from loco_learning.calibration.recording import compared
 from loco_learning.calibration.worker import Maker, make_calibration
-from loco_msgs.action import Calibrate, FindGap
 from loco_msgs.msg import CalibrationState, Gap, GapSearch
 from loco_sim.robot.robot import Robot, is_name
 
-from .calibration_goal import Job
-from .gap_goal import Find, GapSearchJob, find
+from .calibration_goal import CalibrationGoal
+from .gap_goal import Find, GapGoal, find
+from .goal import Goal
 from .robot import STATES, LiveRobot, check_namespace, robots, topic
 
 LONGEST = 1e4  # longest simulated listening time of a goal [s]
@@ -80,53 +81,45 @@ class CalibratorNode(LocoNode):
         self.model: LiveRobot | None = None
         self._meter: GapMeter | None = None
         self._awaited: Future | None = None  # done at the next check
-        self._job: Job | GapSearchJob | None = None
+        self._job: Goal | None = None
         # An ActionServer works in the EventsExecutor of rclpy 7.1: a goal is accepted within
         # 2 ms, a cancel request within 2 ms, also while `execute` waits for a future. Blocking
         # calls must not run in it, since the executor has one thread.
         self._servers = [
-            ActionServer(self, kind, name, execute, cancel_callback=lambda h: CancelResponse.ACCEPT)
-            for kind, name, execute in (
-                (Calibrate, "calibrate", self._execute),
-                (FindGap, "find_gap", self._execute_search),
+            ActionServer(
+                self, kind.ACTION, kind.NAME, partial(self._run, kind),
+                cancel_callback=lambda h: CancelResponse.ACCEPT,
             )
-        ]
+            for kind in (CalibrationGoal, GapGoal)
+        ]  # fmt: skip
         self.create_timer(_POLL, self._look)
         self.announce_ready()
 
     # ---- the action
 
-    async def _execute(self, handle: Any) -> Calibrate.Result:
-        """Run a goal of ``calibrate``."""
-        return await self._run(handle, Job, Calibrate.Result, self.tell)
-
-    async def _execute_search(self, handle: Any) -> FindGap.Result:
-        """Run a goal of ``find_gap``."""
-        return await self._run(handle, GapSearchJob, FindGap.Result, self.tell_search)
-
-    async def _run(self, handle: Any, kind: type, answer: type, on_progress: Callable) -> Any:
+    async def _run(self, kind: type[Goal], handle: Any) -> Any:
         """Run a goal; the result reports its end, including an error in the goal."""
         if self._job:
             handle.abort()
-            return answer(message=f"{self._job.WHAT} is running; cancel it first")
-        self._job = kind(self, handle)
+            return kind.ACTION.Result(message=f"{self._job.WHAT} is running; cancel it first")
+        self._job = job = kind(self, handle)
         self.state = CalibrationState(phase="listening")
         self.search = GapSearch(phase="listening")
         try:
-            result = await self._job.run()
+            result = await job.run()
         except Exception as error:  # goals come from other processes: no error may end the node
             if not isinstance(error, LocoError):
                 self.get_logger().error(traceback.format_exc())
             text = str(error) if isinstance(error, LocoError) else "the goal cannot be run"
-            result = answer(message=text)
-            on_progress("failed", text)
+            result = kind.ACTION.Result(message=text)
+            job.publish("failed", text)
             handle.abort()
         else:
             cancelled = handle.is_cancel_requested
-            on_progress("cancelled" if cancelled else "done", result.message)
+            job.publish("cancelled" if cancelled else "done", result.message)
             (handle.canceled if cancelled else handle.succeed)()
         finally:
-            self._job.close()
+            job.close()
             self._job = None
         return result
 
@@ -176,18 +169,11 @@ class CalibratorNode(LocoNode):
             future, self._awaited = self._awaited, None
             future.set_result(None)
 
-    def tell(self, phase: str, text: str = "") -> None:
-        """Publish the state of the calibration."""
-        self.state.phase, self.state.text = phase, text
-        self.state.stamp = to_stamp(max(0.0, self.measured.signals.now) if self.measured else 0.0)
-        self._state.publish(self.state)
-
-    def tell_search(self, phase: str, text: str = "") -> None:
-        """Publish the state of the search for the cause of a gap."""
-        self.search.phase, self.search.text = phase, text
-        self.search.tick += 1
-        self.search.stamp = to_stamp(max(0.0, self.measured.signals.now) if self.measured else 0.0)
-        self._search.publish(self.search)
+    def publish(self, state: Any, phase: str, text: str) -> None:
+        """Publish `state` (of the calibration) or `search` (for the cause of a gap)."""
+        state.phase, state.text = phase, text
+        state.stamp = to_stamp(max(0.0, self.measured.signals.now) if self.measured else 0.0)
+        (self._state if state is self.state else self._search).publish(state)
 
     # ---- the robots
 

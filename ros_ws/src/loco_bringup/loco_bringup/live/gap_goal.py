@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from loco_control.exceptions import MissingFileError, ParameterError
 from loco_learning.gap import workflow
@@ -21,23 +21,19 @@ from loco_sim.robot.servo import TorqueDrive
 
 from ..gap import run as runner
 from ..gap import text
-
-if TYPE_CHECKING:
-    from .calibrator import CalibratorNode
+from .goal import Goal
 
 PARTS = 3  # records that the signals are split into; the last is held out
 Find = Callable[..., Mapping[str, Any]]  # (job, records, tell) -> contents of gap.json
 
 
-class GapSearchJob:
-    """One goal of ``find_gap``; see `calibration_goal.Job` for the goals of ``calibrate``."""
+class GapGoal(Goal):
+    """One goal: connect, listen or read, search, send the model to the model robot."""
 
-    WHAT = "a search"
+    ACTION, NAME, WHAT = FindGap, "find_gap", "a search"
 
-    def __init__(self, node: CalibratorNode, handle: Any):
-        self._node, self._handle, self._goal = node, handle, handle.request
-        self.duration = node.listen.duration
-        self._worker: Worker | None = None
+    def __init__(self, node: Any, handle: Any):
+        super().__init__(node, handle)
         self._result: Mapping[str, Any] | None = None
 
     async def run(self) -> FindGap.Result:
@@ -53,8 +49,9 @@ class GapSearchJob:
         await node.connect(live, goal.model, robot, self.duration + 1.0)
         records: list[Record] = []
         if live:
-            node.tell_search("listening", f"{self.duration:g} s of {live}")
-            records = await self._listen(robot)
+            self.publish("listening", f"{self.duration:g} s of {live}")
+            signals = await self._listen(self._on_share)
+            records = live_records(signals, robot) if signals else []
         if not self._cancelled():
             self._worker = Worker(partial(node.find, job, records))
             await self._searching()
@@ -79,14 +76,13 @@ class GapSearchJob:
         runner.options_of(job)
         return job
 
-    async def _listen(self, robot: Robot) -> list[Record]:
-        measured, timeout = self._node.measured, self._node.listen.patience
-        while measured.signals.length < self.duration and not self._cancelled():
-            await self._node.until(lambda: True)
-            measured.check(timeout)
-            share = measured.signals.length / self.duration
-            self._report(Progress(0.1 * min(1.0, share), "listening", ""), "listening")
-        return [] if self._cancelled() else live_records(measured.signals, robot)
+    def _on_share(self, share: float) -> None:
+        self._report(Progress(0.1 * share, "listening", ""), "listening")
+
+    def publish(self, phase: str, text: str = "") -> None:
+        """Publish the state of the search."""
+        self._node.search.tick += 1
+        self._node.publish(self._node.search, phase, text)
 
     async def _searching(self) -> None:
         while self._result is None and not self._cancelled():
@@ -107,10 +103,7 @@ class GapSearchJob:
         )
         search = self._node.search
         search.fraction, search.best = news.fraction, news.best
-        self._node.tell_search(phase, news.stage)
-
-    def _cancelled(self) -> bool:
-        return self._handle.is_cancel_requested
+        self.publish(phase, news.stage)
 
     def _answer(self) -> FindGap.Result:
         """Result of the action, also published on the latched topic."""
@@ -130,11 +123,6 @@ class GapSearchJob:
             after=search.after, gap_json=search.gap_json, model_yaml=search.model_yaml,
             message=" ".join([text.headline(result), text.gap_line(result)]).strip(),
         )  # fmt: skip
-
-    def close(self) -> None:
-        """Stop the worker process."""
-        if self._worker:
-            self._worker.close()
 
 
 def find(job: runner.Job, records: list[Record], on_progress: runner.Tell) -> Mapping[str, Any]:

@@ -52,6 +52,11 @@ def header(run: LiveRun) -> Markup:
     """Sentence on the two robots and the outcome of the calibration."""
     before, after = run.error(run.before), run.error(run.after)
     phase, text = run.ending
+    measured, model = run.experiments[MEASURED], run.experiments[MODEL]
+    robots = (
+        f"Measured robot: {measured.name}, {measured.description} "
+        f"Model: {model.robot}. Both in one bag, each with its own processes and clock."
+    )
     cards = [
         ("Gap before", number(before), "rad"),
         ("Gap after", number(after), "rad"),
@@ -65,19 +70,11 @@ def header(run: LiveRun) -> Markup:
         cards.append(("Rollouts", str(run.states[-1].evaluations), ""))
     return html.join(
         [
-            html.paragraph(_robots(run), soft=True),
+            html.paragraph(robots, soft=True),
             html.verdict(_SURROGATE, False),
             html.verdict(f"{phase}: {text}", phase == "done"),
             html.cards(cards),
         ]
-    )
-
-
-def _robots(run: LiveRun) -> str:
-    measured, model = run.experiments[MEASURED], run.experiments[MODEL]
-    return (
-        f"Measured robot: {measured.name}, {measured.description} "
-        f"Model: {model.robot}. Both in one bag, each with its own processes and clock."
     )
 
 

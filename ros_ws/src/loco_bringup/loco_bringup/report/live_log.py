@@ -112,7 +112,8 @@ def read_live(bag: Bag) -> LiveRun:
     robot = experiments[MODEL].plant
     joints = tuple(compared(robot))
     robots = {n: read_recording(bag, experiments[n].control_rate, n) for n in experiments}
-    swaps = _swaps(bag)
+    events = bag.messages(f"/{MODEL}/events")
+    swaps = np.array([_time(e) for e in events if e.kind == "model loaded"])
     first, last = (swaps[0], swaps[-1]) if len(swaps) else (np.inf, np.inf)
     settle_time = SETTLE / experiments[MEASURED].target.frequency
     measured = _periods(robots[MEASURED], joints, settle_time, np.inf)
@@ -125,11 +126,6 @@ def read_live(bag: Bag) -> LiveRun:
         swaps, np.array([(_time(m), m.gap, m.model, m.mixed) for m in bag.messages("/gap")]),
         bag.messages(_said(bag)),
     )  # fmt: skip
-
-
-def _swaps(bag: Bag) -> np.ndarray:
-    events = bag.messages(f"/{MODEL}/events")
-    return np.array([_time(e) for e in events if e.kind == "model loaded"])
 
 
 def _time(message) -> float:

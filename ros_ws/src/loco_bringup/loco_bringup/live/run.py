@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""`loco calibrate --live`: fit a model to a running robot over topics, and record both.
+"""`loco calibrate --live` and `loco gap --live`: mend a model of a running robot, and record both.
 
 The measured robot (namespace ``/measured``) and its model (``/model``) run in separate
 processes with the same excitation; the calibrator listens to the first and updates the
@@ -14,27 +14,21 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
-import rclpy
 from action_msgs.msg import GoalStatus
 from rclpy.action import ActionClient
-from rclpy.experimental import EventsExecutor
 from rclpy.parameter_client import AsyncParameterClient
-from rclpy.signals import SignalHandlerOptions
-from rclpy.task import Future
 
 from loco_control.exceptions import GraphError, ParameterError
 from loco_control.params import Params, parameter, to_dict
 from loco_control.reading import FOLDERS
 from loco_control.ros.messages.calibration_topics import CALIBRATION_TOPICS, CALIBRATOR
 from loco_control.ros.messages.joint_topics import JOINT_TOPICS
-from loco_control.ros.parameters import sealed_node
-from loco_learning.calibration.params import CalibrationParams
 from loco_learning.runs import experiment as experiments
 from loco_learning.runs.experiment import Experiment
-from loco_msgs import action
-from loco_msgs.action import Calibrate
+from loco_msgs.action import Calibrate, FindGap
 from loco_sim.robot.robot import is_name
 
+from ..client import GraphClient
 from ..graph.run import Helper, run_robots
 from ..graph.watch import Outcome
 from ..graph.watch import Progress as RunProgress
@@ -107,53 +101,43 @@ class LiveOutcome:
 Tell = Callable[[LiveProgress], Any]  # a true return value cancels the calibration
 
 
-def calibrate_live(
+def run_live(
+    kind: type[Client],
     measured: Experiment,
     robot: str,
     folder: Path,
-    options: CalibrationParams | None = None,
+    options: Any,
     live: LiveParams | None = None,
     on_progress: Tell = lambda progress: None,
 ) -> LiveOutcome:
-    """Calibrate a model against a running robot, and record both in one bag.
+    """Mend a model of a running robot, and record both in one bag.
 
     Args:
+        kind: `Calibration` or `GapSearch`.
         measured: Experiment of the measured robot; the model gets the same excitation.
         robot: Initial model: a robot's name, robot.yaml or model.yaml.
         folder: New folder of the bag.
-        options: Parameters to fit, and settings of the search.
+        options: `CalibrationParams`, or the values of `GapParams` that differ from their defaults.
         live: Schedule of the live run.
-        on_progress: Called about ten times per second; a true return value cancels the
-            calibration.
+        on_progress: Called about ten times per second; a true return value cancels the action.
 
     Raises:
         GraphError: A node died or never got ready.
         ParameterError: The excitation has no period, or `folder` holds a bag.
     """
-    options, live = options or CalibrationParams(), live or LiveParams()
-    period = period_of(measured)
+    live, period = live or LiveParams(), period_of(measured)
     robots = {
         MEASURED: replace(measured, duration=FOREVER),
         MODEL: model_of(measured, robot),
     }
-    client = Client(options, period, robot, live, on_progress)
-    return run_live(client, robots, folder, live, _helper(options, live, period, robot))
-
-
-def run_live(
-    client: Client,
-    robots: dict[str, Experiment],
-    folder: Path,
-    live: LiveParams,
-    helper: Helper,
-) -> LiveOutcome:
-    """Run both robots and the calibrator until the client reports the end."""
-    with client:
+    cls = "loco_bringup.live.calibrator:CalibratorNode"
+    with kind(options, period, robot, live, on_progress) as action:
+        helper = Helper("calibrator", cls, action.parameters() | folders_of(robot), "calibration")
         outcome = run_robots(
-            robots, folder, speed=live.speed, on_progress=client.step, helpers=[helper],
+            robots, folder, speed=live.speed, on_progress=action.step, helpers=[helper],
             stop_on_fall=False,
         )  # fmt: skip
-    return client.outcome(outcome)
+    return action.outcome(outcome)
 
 
 def period_of(measured: Experiment) -> float:
@@ -180,13 +164,6 @@ def model_of(measured: Experiment, robot: str) -> Experiment:
     )
 
 
-def _helper(options: CalibrationParams, live: LiveParams, period: float, robot: str) -> Helper:
-    parameters = {"listen.skip": live.skip * period, "listen.hold": live.hold * period}
-    parameters |= {f"calibration.{key}": value for key, value in to_dict(options).items()}
-    cls = "loco_bringup.live.calibrator:CalibratorNode"
-    return Helper("calibrator", cls, parameters | folders_of(robot), "calibration")
-
-
 def named(robot: str) -> str:
     """Robot in a goal: its name, or its absolute path, since working folders differ."""
     return robot if is_name(robot) else str(Path(robot).resolve())
@@ -201,14 +178,19 @@ def folders_of(robot: str) -> dict[str, list[str]]:
     return {} if is_name(robot) else {"folders": [*FOLDERS, str(Path(robot).resolve().parent)]}
 
 
-class Client:
-    """Action client that is polled in the monitoring loop of the run."""
+class Client(GraphClient):
+    """Action client that is polled in the monitoring loop of the run.
 
-    ACTION, NAME = "Calibrate", "calibrate"
+    A subclass has `goal`, the goal without the fields that all actions have, and `on_feedback`.
+    """
+
+    ACTION: Any  # type of the action
+    NAME = ""  # name of the action
 
     def __init__(
         self, options: Any, period: float, robot: str, live: LiveParams, on_progress: Tell
     ):
+        super().__init__("live_calibration")
         self._options, self._period, self._robot = options, period, robot
         self._live, self._tell = live, on_progress
         self.progress = LiveProgress()
@@ -222,30 +204,25 @@ class Client:
         self._told, self._until = 0, float("inf")  # gaps at the end, time-out [s]
         self._patient_until = 0.0  # earliest wall time of the time-out [s]
         self._models = 0  # number of models that the model robot received
-
-    def __enter__(self) -> Client:
-        self._context = rclpy.Context()
-        rclpy.init(args=[], context=self._context, signal_handler_options=SignalHandlerOptions.NO)
-        self._node = sealed_node("live_calibration", context=self._context)
-        self._client = ActionClient(self._node, getattr(action, self.ACTION), self.NAME)
-        self._parameters = AsyncParameterClient(self._node, CALIBRATOR)  # after the client
+        self._client = ActionClient(self.node, self.ACTION, self.NAME)
+        self._parameters = AsyncParameterClient(self.node, CALIBRATOR)  # after the client
         row = CALIBRATION_TOPICS["gap"]
-        self._node.create_subscription(row.type, row.name, self._on_gap, row.qos.reader(100))
+        self.node.create_subscription(row.type, row.name, self._on_gap, row.qos.reader(100))
         row, name = JOINT_TOPICS["events"], f"/{MODEL}/events"
-        self._node.create_subscription(row.type, name, self._on_event, row.qos.reader(100))
-        self._executor = EventsExecutor(context=self._context)
-        self._executor.add_node(self._node)
-        self._forever = Future()
-        return self
+        self.node.create_subscription(row.type, name, self._on_event, row.qos.reader(100))
 
-    def __exit__(self, *_: object) -> None:
+    def close(self) -> None:
+        """Leave the graph."""
         self._client.destroy()
-        self._node.destroy_node()
-        self._context.try_shutdown()
+        super().close()
+
+    def parameters(self) -> dict[str, Any]:
+        """Parameters of the calibrator."""
+        return {"listen.skip": self._live.skip * self._period}
 
     def step(self, run: RunProgress) -> bool:
         """Handle arrived messages; returns whether the run is over."""
-        self._executor.spin_until_future_complete(self._forever, timeout_sec=0.01)
+        self.spin(0.01)
         self.progress.sim_time = run.sim_time
         if self._sent is None and run.sim_time > 0.0 and self._on_message():
             self._send()
@@ -283,26 +260,16 @@ class Client:
 
     def _send(self) -> None:
         self.progress.phase = "listening"
-        self._sent = self._client.send_goal_async(self._goal(), self._on_feedback)
-
-    def _goal(self) -> Any:
-        o = self._options
-        return Calibrate.Goal(
-            measured=f"/{MEASURED}", model=f"/{MODEL}", robot=named(self._robot),
-            parameter_set=o.parameters, loss=o.loss, generations=o.generations,
-            evaluations=o.evaluations, population=o.population, seed=o.seed,
-            duration=self._live.listen * self._period,
-        )  # fmt: skip
+        goal = self.goal()
+        goal.measured, goal.model, goal.robot = f"/{MEASURED}", f"/{MODEL}", named(self._robot)
+        goal.duration = self._live.listen * self._period
+        self._sent = self._client.send_goal_async(goal, lambda m: self.on_feedback(m.feedback))
 
     def _accepted(self) -> None:
         self._handle = self._sent.result()
         if not self._handle.accepted:
             raise GraphError("the calibrator refused the goal")
         self._answer = self._handle.get_result_async()
-
-    def _on_feedback(self, message: Any) -> None:
-        f, p = message.feedback, self.progress
-        p.phase, p.generation, p.best, p.eta = "fitting", f.generation, f.best, f.eta
 
     def _on_gap(self, message: Any) -> None:
         t = message.stamp.sec + message.stamp.nanosec / 1e9
@@ -325,6 +292,46 @@ class Client:
         if self.result and self.result.model_yaml:
             (run.folder / RESULT).write_text(self.result.model_yaml, encoding="utf-8")
         return LiveOutcome(run, self.status, self.result)
+
+
+class Calibration(Client):
+    """Client of the action ``calibrate``; its options are `CalibrationParams`."""
+
+    ACTION, NAME = Calibrate, "calibrate"
+
+    def parameters(self) -> dict[str, Any]:
+        """Parameters of the calibrator."""
+        options = {f"calibration.{k}": v for k, v in to_dict(self._options).items()}
+        return super().parameters() | {"listen.hold": self._live.hold * self._period} | options
+
+    def goal(self) -> Any:
+        """Goal of the action."""
+        o = self._options
+        return Calibrate.Goal(
+            parameter_set=o.parameters, loss=o.loss, generations=o.generations,
+            evaluations=o.evaluations, population=o.population, seed=o.seed,
+        )  # fmt: skip
+
+    def on_feedback(self, feedback: Any) -> None:
+        """Take the progress of the action."""
+        p, f = self.progress, feedback
+        p.phase, p.generation, p.best, p.eta = "fitting", f.generation, f.best, f.eta
+
+
+class GapSearch(Client):
+    """Client of the action ``find_gap``; its options are values of `GapParams`."""
+
+    ACTION, NAME = FindGap, "find_gap"
+
+    def goal(self) -> Any:
+        """Goal of the action."""
+        lists = {key: list(self._options.get(key, ())) for key in ("effects", "free")}
+        return FindGap.Goal(seed=int(self._options.get("seed", 0)), **lists)
+
+    def on_feedback(self, feedback: Any) -> None:
+        """Take the progress of the action."""
+        p = self.progress
+        p.phase, p.share, p.found = feedback.stage, feedback.fraction, feedback.best
 
 
 def measured_robot(name: str) -> Experiment:
