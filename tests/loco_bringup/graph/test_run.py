@@ -16,6 +16,7 @@ from loco_bringup.bag.reader import Bag
 from loco_bringup.graph import run as runner
 from loco_bringup.graph.processes import _environment
 from loco_bringup.logs.rollout_bag import VIEWED, run_rollout
+from loco_bringup.outcome import default_folder
 from loco_control.exceptions import GraphError, NameUnknownError, ParameterError
 from loco_control.ros.messages.definitions import type_hash
 from loco_control.ros.messages.topics import TOPICS
@@ -245,4 +246,4 @@ def test_a_foreign_quadruped_runs_as_a_graph_like_in_the_loop(quadruped, tmp_pat
 @pytest.mark.parametrize("name", ["../../x", "/tmp/x", "a/b", "a\0b"])
 def test_the_name_of_an_experiment_never_leaves_the_folder_of_bags(name):
     with pytest.raises(ParameterError, match="name of an experiment must be a plain file name"):
-        runner.default_folder(load("hyq_short", {"name": name}))
+        default_folder(load("hyq_short", {"name": name}))

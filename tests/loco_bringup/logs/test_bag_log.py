@@ -6,9 +6,9 @@ import pytest
 
 from loco_bringup.bag.reader import Bag
 from loco_bringup.bag.writer import BagWriter
-from loco_bringup.graph.run import describe
 from loco_bringup.logs.bag_log import read_log
 from loco_bringup.logs.rollout_bag import write_messages as write_log
+from loco_bringup.outcome import describe
 from loco_control.exceptions import BagError, NameUnknownError
 from loco_control.params import to_dict
 from loco_learning.params import PHASES

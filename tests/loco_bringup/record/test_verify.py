@@ -17,8 +17,8 @@ from std_msgs.msg import Float64, String
 from loco_bringup.bag.copy import extract
 from loco_bringup.bag.reader import Bag
 from loco_bringup.graph import run as runner
-from loco_bringup.graph.run import processor
 from loco_bringup.logs.rollout_bag import write_log
+from loco_bringup.outcome import processor
 from loco_bringup.record.verify import verify
 from loco_control.exceptions import BagError, GraphError, NameUnknownError, ParameterError
 from loco_learning.runs.experiment import from_values, load

@@ -21,7 +21,7 @@ from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 
 from loco_bringup.graph import node_set
-from loco_bringup.graph.run import describe, duration_of
+from loco_bringup.outcome import describe, duration_of
 from loco_learning.runs.experiment import load
 
 ARGUMENTS = {

@@ -9,6 +9,7 @@ from loco_learning.runs.experiment import load
 
 from ..bag.reader import Bag
 from ..graph import run as runner
+from ..outcome import default_folder
 from ..record.replayer import replay_bag
 from ..report.report import write_report
 from ..terminal import console
@@ -20,7 +21,7 @@ EXPERIMENT = "hyq_trot_reflex"
 def run_demo(a: argparse.Namespace) -> int:
     """Run the demo experiment, replay its bag and write its report; returns the exit code."""
     experiment = load(EXPERIMENT)
-    folder = a.out or runner.default_folder(experiment)
+    folder = a.out or default_folder(experiment)
     console.rule("1 of 3: a HyQ learns to trot by reflex, over ROS 2 topics")
     outcome = show_run(experiment, lambda tell: runner.run(experiment, folder, on_progress=tell))
     if outcome.exit_code:

@@ -12,6 +12,7 @@ from loco_sim.params import TickParams
 
 from ..bag.writer import Limits
 from ..graph import run as runner
+from ..outcome import default_folder
 from ..settings import overrides, values_of
 from .rollout import finish, show_run
 
@@ -31,13 +32,13 @@ def run(a: argparse.Namespace) -> int:
     if "cpus" in realtime:
         realtime["cpus"] = str(realtime["cpus"])  # a single CPU is parsed as a number
     limits = Limits(a.max_bag_size, a.max_bag_duration)
-    folder = a.out or runner.default_folder(experiment)
+    folder = a.out or default_folder(experiment)
     outcome = show_run(
         experiment,
         lambda tell: runner.run(
-            experiment, folder, a.layout, "realtime" if a.hardware else a.clock, a.speed, a.nodes,
-            tell, a.namespace, a.fault, realtime=realtime, limits=limits, hardware=a.hardware,
-            start_timeout=a.start_timeout, **tick,
+            experiment, folder, a.layout, "realtime" if a.hardware else a.clock, a.namespace,
+            speed=a.speed, nodes=a.nodes, on_progress=tell, faults=a.fault, realtime=realtime,
+            limits=limits, hardware=a.hardware, start_timeout=a.start_timeout, **tick,
         ),
     )  # fmt: skip
     return finish(outcome, a.report, a.view)

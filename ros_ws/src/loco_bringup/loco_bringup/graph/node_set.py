@@ -7,7 +7,7 @@ import json
 from dataclasses import dataclass
 from importlib import resources
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from loco_control.exceptions import NameUnknownError, ParameterError
 from loco_control.params import to_dict
@@ -16,9 +16,6 @@ from loco_control.ros.messages.joint_topics import TABLES  # imports ROS
 from loco_learning.runs.experiment import Experiment
 
 from .processes import NEVER, Restart
-
-if TYPE_CHECKING:
-    from loco_learning.runs.experiment import Experiment
 
 _FOLDER = "node_sets"
 _PARTS = ("robot", "sim", "effects", "seed", "tick", "gait", "learner", "stance",
@@ -114,6 +111,11 @@ def _restart(node: str, policy: Any, per_minute: Any) -> Restart:
     return Restart(per_minute)
 
 
+def grouped(specs: list[NodeSpec], layout: str) -> dict[str, list[NodeSpec]]:
+    """Nodes of each process of a layout, by its name."""
+    return {"nodes": specs} if layout == "composed" else {spec.name: [spec] for spec in specs}
+
+
 def parameter_file(
     specs: list[NodeSpec],
     experiment: Experiment,
@@ -157,24 +159,24 @@ def recorder_parameters(values: dict[str, Any]) -> dict[str, Any]:
 
 
 def _part(part: str, experiment: Any, tick: dict[str, Any], run: dict[str, Any]) -> dict:
-    needed = {"plant": "target", "joints": "target", "robot": "gait", "legs": "gait"}.get(
-        part, part
-    )
+    """ROS parameters of a part of an experiment."""
+    if part == "tick":
+        return tick
     if part == "faults":
         return run["faults"]
     if part == "hardware":
         return {"hardware": run["hardware"]}
-    if part not in ("tick", "weights") and getattr(experiment, needed, None) is None:
+    if part == "weights":
+        return {"save_weights": run["weights"]}
+    needed = {"plant": "target", "joints": "target", "robot": "gait", "legs": "gait"}
+    if getattr(experiment, needed.get(part, part), None) is None:
         raise ParameterError(
             f"the node set wants {part!r}, which experiment {experiment.name} has not; "
             f"its node set is {experiment.node_set}"
         )
-    if part == "tick":
-        return tick
     if part == "plant":
-        return {"robot": experiment.robot, **{
-            key: json.dumps(getattr(experiment, key)) for key in ("overrides", "effects", "sim")
-        }}  # fmt: skip
+        keys = ("overrides", "effects", "sim")
+        return {"robot": experiment.robot, **{k: json.dumps(getattr(experiment, k)) for k in keys}}
     if part == "joints":
         joints = experiment.plant.joints
         driven = [joints[i] for i in experiment.plant.driven]
@@ -187,8 +189,6 @@ def _part(part: str, experiment: Any, tick: dict[str, Any], run: dict[str, Any])
         return {"legs": experiment.plant.legs.ravel().tolist()}
     if part == "seed":
         return {"seed": experiment.seed}
-    if part == "weights":
-        return {"save_weights": run["weights"]}
     value = experiment.sim_params if part == "sim" else getattr(experiment, part)
     if part == "effects":
         return {"effects": json.dumps([dict(e) for e in value])}

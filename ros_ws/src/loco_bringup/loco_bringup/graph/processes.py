@@ -164,6 +164,22 @@ class Process:
         return "\n".join(self.log.read_text(errors="replace").splitlines()[-lines:])
 
 
+def start_nodes(
+    name: str,
+    classes: Sequence[str],
+    params: Path,
+    log: Path,
+    guard: Guard,
+    namespace: str = "",
+    restart: Restart = NEVER,
+) -> Process:
+    """Start a process of nodes, given as ``module:Class``, with a parameter file."""
+    ros = ["--ros-args", "--params-file", str(params)]
+    ros += ["-r", f"__ns:=/{namespace}"] if namespace else []
+    command = ["-m", "loco_bringup.graph.composed", *classes, *ros]
+    return Process(name, command, log, restart, guard)
+
+
 def stop_all(processes: list[Process], guard: Guard | None = None) -> dict[str, int]:
     """Stop all processes and clean up shared memory; returns the exit code by name.
 

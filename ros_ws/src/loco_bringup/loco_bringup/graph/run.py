@@ -7,6 +7,7 @@ import contextlib
 import json
 import os
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -23,26 +24,12 @@ from loco_sim.engines import require
 from loco_sim.params import TickParams
 
 from ..bag.writer import Limits
-from ..outcome import (
-    Outcome,
-    Progress,
-    check_new,
-    default_folder,
-    describe,
-    duration_of,
-    processor,
-    remove_bag,
-)  # fmt: skip
+from ..outcome import Outcome, Progress, check_new, describe, duration_of, remove_bag
 from . import node_set
 from .hardware import driven
-from .processes import NEVER, RECORDER, Guard, Process, Restart
+from .processes import NEVER, RECORDER, Guard, Process, Restart, start_nodes
 from .start import StartLimits
 from .watch import Watch
-
-__all__ = [
-    "LAYOUTS", "Helper", "Outcome", "Progress", "default_folder", "describe", "duration_of",
-    "processor", "run", "run_robots",
-]  # fmt: skip
 
 LAYOUTS = ("composed", "processes")
 # Files of a robot that are attached to the bag.
@@ -58,42 +45,45 @@ class Helper(NamedTuple):
     table: str = ""  # topic table whose topics are recorded too
 
 
+@dataclass(frozen=True)
+class RunOptions:
+    """Layout, clock, faults and recording of a run.
+
+    Attributes:
+        layout: ``composed`` (one process) or ``processes`` (one per node).
+        clock: ``lockstep``, ``asap`` or ``realtime``.
+        speed: Largest multiple of real time in lockstep, 0 for no limit.
+        nodes: Name or path of the node set; default that of the experiment's class.
+        helpers: Further nodes, each in its own process, without a namespace.
+        written: Topics to record; empty for all.
+        faults: Faults of topics in the graph of each robot, for `loco_control.faults.parse`.
+        realtime: Requests of the nodes' processes to the kernel, fields of `RealtimeParams`.
+        limits: Size and time after which the next file of the bag begins.
+        hardware: Wiring file of a real robot that replaces the plant.
+    """
+
+    layout: str = "composed"
+    clock: str = "lockstep"
+    speed: float = 0.0
+    nodes: str | None = None
+    helpers: Sequence[Helper] = ()
+    written: Sequence[str] = ()
+    faults: Sequence[str] = ()
+    realtime: Mapping[str, Any] | None = None
+    limits: Limits | None = None
+    hardware: str = ""
+
+
 def run(
     experiment: Experiment,
     folder: Path,
     layout: str = "composed",
     clock: str = "lockstep",
-    speed: float = 0.0,
-    nodes: str | None = None,
-    on_progress: Callable[[Progress], Any] = lambda progress: None,
     namespace: str = "",
-    faults: Sequence[str] = (),
-    **kwargs: Any,
+    **options: Any,
 ) -> Outcome:
-    """Run an experiment as a ROS graph and record it.
-
-    Args:
-        experiment: Experiment to run.
-        folder: New folder for the bag, logs and parameters.
-        layout: ``composed`` (one process) or ``processes`` (one per node).
-        clock: ``lockstep``, ``asap`` or ``realtime``.
-        speed: Largest multiple of real time in lockstep, 0 for no limit.
-        nodes: Name or path of the node set; default that of the experiment's class.
-        on_progress: Called about ten times per second of wall time; a true return value ends the
-            run.
-        namespace: Namespace of all nodes.
-        faults: Faults of topics, as `loco_control.faults.parse` reads them.
-        kwargs: Further arguments of `run_robots`.
-
-    Raises:
-        GraphError: A node died or never got ready, no tick arrives, or another run
-            uses the ROS domain.
-        ParameterError: `layout` is unknown, `folder` holds a bag, or a fault is invalid.
-    """
-    robots = {namespace: experiment}
-    return run_robots(
-        robots, folder, layout, clock, speed, nodes, on_progress, faults=faults, **kwargs
-    )
+    """Run an experiment as a ROS graph in a namespace and record it; see `run_robots`."""
+    return run_robots({namespace: experiment}, folder, layout, clock, **options)
 
 
 def run_robots(
@@ -101,17 +91,9 @@ def run_robots(
     folder: Path,
     layout: str = "composed",
     clock: str = "lockstep",
-    speed: float = 0.0,
-    nodes: str | None = None,
     on_progress: Callable[[Progress], Any] = lambda progress: None,
-    helpers: Sequence[Helper] = (),
-    written: Sequence[str] = (),
-    faults: Sequence[str] = (),
-    realtime: Mapping[str, Any] | None = None,
-    limits: Limits | None = None,
-    hardware: str = "",
     start_timeout: float = StartLimits.timeout,
-    **tick: Any,
+    **options: Any,
 ) -> Outcome:
     """Run several robots side by side, each in a namespace, into one bag.
 
@@ -120,18 +102,10 @@ def run_robots(
         folder: New folder for the bag, logs and parameters.
         layout: ``composed`` (one process) or ``processes`` (one per node).
         clock: ``lockstep``, ``asap`` or ``realtime``.
-        speed: Largest multiple of real time in lockstep, 0 for no limit.
-        nodes: Name or path of the node set; default that of the experiment's class.
         on_progress: Called about ten times per second of wall time; a true return value ends the
             run.
-        helpers: Further nodes, each in its own process, without a namespace.
-        written: Topics to record; empty for all.
-        faults: Faults of topics in the graph of each robot, for `loco_control.faults.parse`.
-        realtime: Requests of the nodes' processes to the kernel, fields of `RealtimeParams`.
-        limits: Size and time after which the next file of the bag begins.
-        hardware: Wiring file of a real robot that replaces the plant.
         start_timeout: Time without progress after which the start counts as failed [s].
-        tick: Further parameters of `TickParams`, e.g. ``stop_on_fall=False``.
+        options: Further fields of `RunOptions`, and of `TickParams`, e.g. ``stop_on_fall=False``.
 
     Raises:
         GraphError: A node died or never got ready, no tick arrives, or another run uses the
@@ -143,29 +117,18 @@ def run_robots(
         raise ParameterError(f"layout must be one of {', '.join(LAYOUTS)}, got {layout!r}")
     check_new(folder)
     limits_of_start = StartLimits(start_timeout)
-    for experiment in () if hardware else robots.values():
+    names = {f.name for f in fields(RunOptions)} & options.keys()
+    selected = RunOptions(layout, clock, **{name: options.pop(name) for name in names})
+    for experiment in () if selected.hardware else robots.values():
         if "engine" in getattr(experiment, "sim", ()):  # a mass-spring network needs none
             require(experiment.sim["engine"])
     with _domain_lock(robots):
         folder = Path(folder).resolve()
         window = max(2, TickParams().flow_window // max(1, len(robots)))
-        tick = {"clock": clock, "speed": speed, "flow_window": window, **tick}
-        tick = _changes(TickParams(), tick, "tick")
-        tick |= {"clock": clock, "speed": float(speed)}
-        requests = _changes(RealtimeParams(), realtime or {}, "realtime")
-        plan = _Plan(
-            robots,
-            folder,
-            layout,
-            tick,
-            nodes,
-            helpers,
-            written,
-            faults,
-            requests,
-            limits,
-            hardware,
-        )
+        pace = {"clock": clock, "speed": float(selected.speed)}
+        tick = _changes(TickParams(), {"flow_window": window, **pace, **options}, "tick") | pace
+        realtime = _changes(RealtimeParams(), selected.realtime or {}, "realtime")
+        plan = _Plan(robots, folder, replace(selected, realtime=realtime), tick)
         plan.write()
         duration = max(map(duration_of, robots.values()))
         guard = Guard()
@@ -192,27 +155,17 @@ class _Plan:
         self,
         robots: Mapping[str, Experiment],
         folder: Path,
-        layout: str,
+        options: RunOptions,
         tick: dict[str, Any],
-        nodes: str | None,
-        helpers: Sequence[Helper],
-        written: Sequence[str],
-        faults: Sequence[str],
-        realtime: dict[str, Any],
-        limits: Limits | None,
-        hardware: str,
     ):
-        self._robots, self._folder, self._layout, self._tick = robots, folder, layout, tick
-        self._sets = {space: nodes or e.node_set for space, e in robots.items()}
+        self._robots, self._folder, self._options, self._tick = robots, folder, options, tick
+        self._sets = {space: options.nodes or e.node_set for space, e in robots.items()}
         self.tables = {space: node_set.table_of(name) for space, name in self._sets.items()}
         self._specs = {space: node_set.load(name) for space, name in self._sets.items()}
-        self._helpers, self._written, self._faults = helpers, written, list(faults)
-        self._realtime, self._limits = realtime, limits or Limits()
-        self._hardware = hardware
-        for space, specs in self._specs.items() if hardware else ():
-            self._specs[space] = driven(specs, robots[space], hardware, tick["clock"])
-        self._faulted = _faulted(faults, self._sets.values())
-        if faults:
+        for space, specs in self._specs.items() if options.hardware else ():
+            self._specs[space] = driven(specs, robots[space], options.hardware, tick["clock"])
+        self._faulted = _faulted(options.faults, self._sets.values())
+        if options.faults:
             self._specs = {s: [*specs, node_set.FAULTS] for s, specs in self._specs.items()}
 
         # The files of a single robot are named without its namespace.
@@ -230,47 +183,47 @@ class _Plan:
 
     def _files(self) -> dict[Path, dict[str, Any]]:
         """Content of the YAML files, by path."""
-        recorder, files = self._recorder(), {}
+        recorder, files, o = self._recorder(), {}, self._options
         for space, experiment in self._robots.items():
             tag = self._tags[space]
             files[self._path("experiment", tag, ".yaml")] = to_dict(experiment)
             run = {"recorded": True, "recorder": None if tag else recorder}
             run["weights"] = str(self._path("weights", tag, ".npz"))
             table = self.tables[space]
-            run |= {"faulted": self._faulted, "faults": {"table": table, "faults": self._faults}}
-            run["realtime"], run["hardware"] = self._realtime, self._hardware
+            run |= {"faulted": self._faulted, "faults": {"table": table, "faults": list(o.faults)}}
+            run["realtime"], run["hardware"] = o.realtime, o.hardware
             tick = {**self._tick, "duration": duration_of(experiment)}
             content = node_set.parameter_file(self._specs[space], experiment, tick, run)
             files[self._path("params", tag, ".yaml")] = content
         if "" not in self._tags.values():
             files[self._folder / "params.yaml"] = node_set.recorder_parameters(recorder)
-        for helper in self._helpers:
+        for helper in o.helpers:
             content = {f"/**/{helper.name}": {"ros__parameters": helper.parameters}}
             files[self._path("params", helper.name, ".yaml")] = content
         return files
 
     def _recorder(self) -> dict[str, Any]:
         """Parameters of the recorder."""
-        first = next(iter(self._robots.values()))
-        custom = describe(first, layout=self._layout, clock=self._tick["clock"])
+        first, o = next(iter(self._robots.values())), self._options
+        custom = describe(first, layout=o.layout, clock=o.clock)
         if list(self._robots) != [""]:
             names = {space: e.name for space, e in self._robots.items()}
             custom["namespaces"] = json.dumps(names)
-        if self._hardware:
-            custom["hardware"] = Path(self._hardware).read_text()
-        if self._faults:
-            custom["faults"] = json.dumps(self._faults)
+        if o.hardware:
+            custom["hardware"] = Path(o.hardware).read_text()
+        if o.faults:
+            custom["faults"] = json.dumps(list(o.faults))
         files = [self._path(s, tag, x) for tag in self._tags.values() for s, x in _ATTACHED]
         if "" not in self._tags.values():
             files.append(self._folder / "params.yaml")
-        tables = dict(self.tables)
-        for helper in self._helpers:
+        tables, limits = dict(self.tables), o.limits or Limits()
+        for helper in o.helpers:
             if helper.table:
                 tables.setdefault("", helper.table)
         return {
             "bag": str(self._folder),
             "custom_data": json.dumps(custom),
-            "reliable": self._tick["clock"] != "lockstep",
+            "reliable": o.clock != "lockstep",
             "attach": [str(path) for path in files],
             "status_every": self._tick.get("flow_window", TickParams().flow_window) // 2,
             "control_rate": first.control_rate,
@@ -278,24 +231,21 @@ class _Plan:
             "tables": list(tables.values()),
             "faulted": list(self._faulted) or [""],
             "allow_faults": bool(self._faulted),
-            "written": list(self._written) or [""],
-            "max_bagfile_size": int(self._limits.size),
-            "max_bagfile_duration": float(self._limits.duration),
+            "written": list(o.written) or [""],
+            "max_bagfile_size": int(limits.size),
+            "max_bagfile_duration": float(limits.duration),
         }
 
     def start(self, guard: Guard) -> list[Process]:
         """Start every node, the recorder last."""
         self._guard, started = guard, []
         for space, specs in self._specs.items():
-            groups = {"nodes": specs} if self._layout == "composed" else {
-                s.name: [s] for s in specs
-            }  # fmt: skip
-            for name, group in groups.items():
+            for name, group in node_set.grouped(specs, self._options.layout).items():
                 # A process may restart only if all its nodes may.
                 restart = min((s.restart for s in group), key=lambda r: r.per_minute)
                 classes = [s.cls for s in group]
                 started.append(self._process(name, classes, space, self._tags[space], restart))
-        for helper in self._helpers:
+        for helper in self._options.helpers:
             started.append(self._process(helper.name, [helper.cls], "", helper.name))
         return [
             *started,
@@ -306,12 +256,9 @@ class _Plan:
         self, name: str, classes: list[str], space: str, params: str, restart: Restart = NEVER
     ) -> Process:
         """Start a process of nodes in a namespace, with a parameter file."""
-        ros = ["--ros-args", "--params-file", str(self._path("params", params, ".yaml"))]
-        ros += ["-r", f"__ns:=/{space}"] if space else []
-        name = f"{space}/{name}" if space else name
+        name, path = f"{space}/{name}".lstrip("/"), self._path("params", params, ".yaml")
         log = self._folder / "logs" / f"{name.replace('/', '_')}.log"
-        command = ["-m", "loco_bringup.graph.composed", *classes, *ros]
-        return Process(name, command, log, restart, self._guard)
+        return start_nodes(name, classes, path, log, self._guard, space, restart)
 
 
 def _faulted(faults: Sequence[str], sets: Iterable[str]) -> list[str]:

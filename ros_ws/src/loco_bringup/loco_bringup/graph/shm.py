@@ -34,7 +34,11 @@ def leftovers(folder: Path = SHM) -> list[Path]:
             groups.setdefault(match[1], []).append(path)
     # The files were listed before the open files: a live owner has had its file open since then.
     groups = _without(groups, _open_files(folder)) if groups else {}
-    unlocked = {k: v for k, v in groups.items() if "port" in k or not _has_lock(v)}
+    unlocked = {
+        k: v
+        for k, v in groups.items()
+        if "port" in k or not any(p.name.endswith(_LOCKS) for p in v)
+    }
     if unlocked:
         mapped = unlocked.keys() - _without(unlocked, _mapped_files(folder)).keys()
         groups = {k: v for k, v in groups.items() if k not in mapped}
@@ -95,10 +99,6 @@ def _is_ours(path: Path) -> bool:
 def _without(groups: dict[str, list[Path]], used: set[str]) -> dict[str, list[Path]]:
     """Groups without a file in `used`."""
     return {k: v for k, v in groups.items() if not any(str(p) in used for p in v)}
-
-
-def _has_lock(paths: list[Path]) -> bool:
-    return any(path.name.endswith(_LOCKS) for path in paths)
 
 
 def _is_free(paths: list[Path]) -> bool:

@@ -103,7 +103,9 @@ class Pace:
             idle: Called with a remaining time [s], in short slices; it may receive commands.
         """
         while True:
-            self._press()
+            key = self._keys.pressed() if self._keys else ""
+            if key in KEYS:
+                self.command(KEYS[key])
             if self.over:
                 return False
             remaining = self._left(t)
@@ -111,11 +113,6 @@ class Pace:
                 self._newest = t
                 return True
             idle(min(remaining, _SLICE))
-
-    def _press(self) -> None:
-        key = self._keys.pressed() if self._keys else ""
-        if key in KEYS:
-            self.command(KEYS[key])
 
     def _left(self, t: float) -> float:
         """Wall time until a message is due [s]; one step covers all messages of the same time."""

@@ -106,12 +106,10 @@ class RecorderNode(LocoNode):
         fields = list(row.type.get_fields_and_field_types())
         tick_of = self._tick_of(robot, row, fields)
         # Topics of foreign publishers and /diagnostics have wall-time stamps.
-        from_graph = row.name == "events" or row.writer not in (
-            "any",
-            FAULTS,
-        )  # their stamps may have any time
+        # Those of operators and of the fault node may have any time.
+        from_graph = row.name == "events" or row.writer not in ("any", FAULTS)
         stamped = from_graph and fields[:1] in (["stamp"], ["header"])
-        write = self.writer.write if written else _exit
+        write = self.writer.write if written else lambda topic, data, t: None
 
         def receive(data: bytes) -> None:
             try:
@@ -283,10 +281,6 @@ def _merged(graphs: list[tuple[str, str]], faulted: set[str]) -> dict[str, Topic
 def _heard(row: Topic) -> Topic:
     """Row of the damaged copy of a topic, which the readers receive; its ticks are not counted."""
     return dataclasses.replace(row, name=faulty(row.name), writer=FAULTS, rate=0.0)
-
-
-def _exit(topic: str, data: bytes, t: int) -> None:
-    """Do nothing: replaces the write function for topics that are not written."""
 
 
 def _time(data: bytes) -> int:

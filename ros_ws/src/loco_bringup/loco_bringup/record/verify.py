@@ -24,7 +24,7 @@ from loco_learning.runs.experiment import from_values, override
 
 from ..bag.reader import Bag
 from ..graph import node_set
-from ..graph.processes import Guard, Process, stop_all
+from ..graph.processes import Guard, Process, start_nodes, stop_all
 from ..graph.run import LAYOUTS, _domain_lock
 from ..graph.start import StartLimits, StartMonitor
 from .compare import Comparison, Verdict
@@ -115,17 +115,14 @@ class _Plan:
         sensors = [
             row for row in rows if row.rate and row.writer == PLANT and names & set(row.readers)
         ]
-        user_topics = [row for row in rows if row.writer == "any" and names & set(row.readers)]
-        user_topics = [row for row in user_topics if self._has(row)]
+        user_topics = [row for row in rows if row.writer == "any" and names & set(row.readers)
+                       and self._has(row)]  # fmt: skip
         self.said = [*sensors, *user_topics]
         self.steps = self._steps(sensors, user_topics)
 
     def _has(self, row: Topic) -> bool:
-        return self._count(row) > 0
-
-    def _count(self, row: Topic) -> int:
         try:
-            return self._bag.topics[self._bag.resolve(row.name)].count
+            return self._bag.topics[self._bag.resolve(row.name)].count > 0
         except NameUnknownError:
             matches = [n for n in self._bag.topics if n.endswith("/" + row.name)]
             if len(matches) > 1:
@@ -133,7 +130,7 @@ class _Plan:
                     f"{self._bag.path} holds several robots ({', '.join(matches)}); "
                     "verify wants one"
                 ) from None
-            return 0
+            return False
 
     def _steps(self, sensors: list[Topic], user_topics: list[Topic]) -> list[Step]:
         missing = [row.name for row in sensors if not self._has(row)]
@@ -146,16 +143,11 @@ class _Plan:
         inputs = {row.name: self._by_key(row) for row in sensors}
         keys = sorted(set.intersection(*(set(rows) for rows in inputs.values())))
         self._refuse_gaps(keys)
-        steps = [
-            Step(
-                tick,
-                key,
-                {name: rows[key] for name, rows in inputs.items()},
-                {name: rows[key] for name, rows in outputs.items() if key in rows},
-            )
-            for tick, key in enumerate(keys)
-        ]
-        steps = [step for step in steps if step.answers]
+        steps = []
+        for tick, key in enumerate(keys):
+            said = {name: rows[key] for name, rows in inputs.items()}
+            if answers := {name: rows[key] for name, rows in outputs.items() if key in rows}:
+                steps.append(Step(tick, key, said, answers))
         for row in user_topics:
             self._put(row, steps)
         return steps
@@ -216,18 +208,11 @@ class _Plan:
         content = node_set.parameter_file(self.specs, self._experiment, {}, run)
         params = folder / "params.yaml"
         params.write_text(yaml.safe_dump(content, sort_keys=False))
-        groups = {"nodes": self.specs} if layout == "composed" else {
-            spec.name: [spec] for spec in self.specs
-        }  # fmt: skip
-        ros = ["--ros-args", "--params-file", str(params)]
         return [
-            Process(
-                name,
-                ["-m", "loco_bringup.graph.composed", *(spec.cls for spec in group), *ros],
-                folder / "logs" / f"{name}.log",
-                guard=guard,
+            start_nodes(
+                name, [s.cls for s in group], params, folder / "logs" / f"{name}.log", guard
             )
-            for name, group in groups.items()
+            for name, group in node_set.grouped(self.specs, layout).items()
         ]
 
 
