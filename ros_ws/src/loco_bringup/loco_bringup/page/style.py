@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import inspect
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
@@ -51,17 +52,18 @@ class Chapter:
     draw: Callable[[Any], Plot | Chart]  # argument: a log
 
 
-def chapters() -> tuple[list[Chapter], Callable[[str, str], Callable]]:
+def chapters() -> tuple[list[Chapter], Callable]:
     """List of a report's figures in order, and the decorator that appends one.
 
-    The decorator takes title and text. The decorated function raises `BagError` if the bag
-    lacks its data.
+    The decorator takes the title and the text for readers, by default what the docstring says
+    below its first line. The decorated function raises `BagError` if the bag lacks its data.
     """
     listed: list[Chapter] = []
 
-    def chapter(title: str, text: str) -> Callable:
+    def chapter(title: str, text: str = "") -> Callable:
         def register(draw: Callable[[Any], Plot | Chart]) -> Callable[[Any], Plot | Chart]:
-            listed.append(Chapter(title, text, draw))
+            caption = text or " ".join(inspect.getdoc(draw).partition("\n")[2].split())
+            listed.append(Chapter(title, caption, draw))
             return draw
 
         return register

@@ -15,17 +15,9 @@ from markupsafe import Markup
 from loco_control.exceptions import ParameterError
 from loco_control.files import write_whole
 from loco_learning.drawing.chart import PALETTE
+from loco_learning.metrics import differences as blocks
 from loco_learning.metrics import quantities
 from loco_learning.metrics import registry as metrics
-from loco_learning.metrics.differences import (
-    CHANCE,
-    PASSING,
-    Difference,
-    Window,
-    differences,
-    shared,
-    window,
-)
 from loco_learning.metrics.quantities import moves
 from loco_learning.runs.log import Log
 
@@ -86,11 +78,11 @@ class Compared:
     """
 
     run: str
-    window: Window
-    rows: list[Difference]
+    window: blocks.Window
+    rows: list[blocks.Difference]
 
     @property
-    def differing(self) -> list[Difference]:
+    def differing(self) -> list[blocks.Difference]:
         """Metrics whose difference exceeds the noise and the threshold of relevance."""
         return [row for row in self.rows if row.kind]
 
@@ -102,15 +94,15 @@ def compared(logs: Mapping[str, Log]) -> list[Compared]:
         ParameterError: The runs have no phase in common.
     """
     name, *candidates = logs
-    phases = shared(logs)
+    phases = blocks.shared(logs)
     if not phases:
         raise ParameterError("the runs have no phase in common; compare runs of like experiments")
     first, comparisons = logs[name], []
     for other in candidates:
         for phase in phases:
-            rows = differences(first, logs[other], phase, len(phases) * len(candidates))
+            rows = blocks.differences(first, logs[other], phase, len(phases) * len(candidates))
             rows.sort(key=lambda row: (not row.kind, not row.judged))
-            comparisons.append(Compared(other, window(first, logs[other], phase), rows))
+            comparisons.append(Compared(other, blocks.window(first, logs[other], phase), rows))
     return comparisons
 
 
@@ -166,24 +158,24 @@ def sentence(one: Compared) -> str:
     return f"{where}: {names or 'nothing'} differs, of {n_assessed} metrics."
 
 
-def _short(here: Window) -> str:
+def _short(here: blocks.Window) -> str:
     lasts = html.number(here.ticks * here.dt)
     return f"“{here.phase}” lasts {lasts} s, {html.number(here.needed)} s are enough"
 
 
-def _card(row: Difference, one: Compared) -> tuple[str, str, str]:
+def _card(row: blocks.Difference, one: Compared) -> tuple[str, str, str]:
     values = " → ".join(map(html.number, (row.first, row.other)))
     return f"{label(row.metric)}, {one.run}", values, f"{unit_of(row)} {_when(row)}".strip()
 
 
-def unit_of(row: Difference) -> str:
+def unit_of(row: blocks.Difference) -> str:
     """Unit of a metric; empty if there is none."""
     return unit(metrics.METRICS[row.metric].unit)
 
 
-def _when(row: Difference) -> str:
+def _when(row: blocks.Difference) -> str:
     """Verdict on a metric as text."""
-    if row.kind == PASSING:
+    if row.kind == blocks.PASSING:
         return f"passing, by {html.number(row.largest, 3)} from {html.number(row.at)} s on"
     return row.kind if row.judged else "not judged"
 
@@ -250,7 +242,7 @@ def _table(logs: Mapping[str, Log], found: Sequence[Compared]) -> Markup:
     return html.paragraph(_METRICS, soft=True) + html.table(head, cells, range(3, 7), marks)
 
 
-def _interval(row: Difference) -> str:
+def _interval(row: blocks.Difference) -> str:
     if not row.judged:
         return "–"
     low, high = (html.number(x, 2) for x in (row.low, row.high))
@@ -266,7 +258,7 @@ _METRICS = (
     "blocks of the same tick are paired where both runs have the same target. Lasting: the interval "
     "of the mean difference (block bootstrap) excludes zero, and the difference matters. Passing: "
     "single blocks stand out of the others by more than matters, as after a push. The chance that "
-    f"anything in the whole table is called a difference by luck is {CHANCE:.0%}."
+    f"anything in the whole table is called a difference by luck is {blocks.CHANCE:.0%}."
 )
 _JOINTS = "Measured angles of all runs, tick by tick from their beginning."
 _BASE = "Ground truth of all runs."

@@ -18,18 +18,8 @@ from loco_learning.metrics import quantities, signals
 from loco_learning.params import OPEN
 from loco_learning.runs.log import Log
 
+from ..page import style
 from ..page.plot import Line, Panel, Plot
-from ..page.style import (
-    BOUND,
-    BROAD,
-    COMMAND,
-    MEASURED,
-    OTHER,
-    TARGET,
-    chapters,
-    flag_spans,
-    spans,
-)
 from ..record.readout_check import ReadoutCheck
 
 WINDOW = 1.5  # length of the initial view of a plot [s]
@@ -41,7 +31,7 @@ PHASE_COLOURS = {"stand": "#c9c9c9", "train": "#8cb8dc", "closing": "#f0cf86", "
 PHASE_COLOURS[OPEN] = PHASE_COLOURS["train"]
 
 
-CHAPTERS, chapter = chapters()
+CHAPTERS, chapter = style.chapters()
 
 
 def tail(log: Log, length: float) -> slice:
@@ -85,12 +75,12 @@ def motion_of_base(log: Log) -> Plot:
     for label, y in rows:
         lines = [
             Line("as it is", y, "#999999", 0.7),
-            Line("mean of a stride", signals.moving_mean(y, window), MEASURED),
+            Line("mean of a stride", signals.moving_mean(y, window), style.MEASURED),
         ]
         if label.startswith("forward") and quantities.walks(log):
-            lines.insert(0, Line("target", log.target_speed, TARGET, 3.0))
+            lines.insert(0, Line("target", log.target_speed, style.TARGET, 3.0))
         panels.append(Panel(label, lines))
-    return Plot(log.t, panels, spans(log))
+    return Plot(log.t, panels, style.spans(log))
 
 
 def posed(log: Log) -> Log:
@@ -117,28 +107,31 @@ def learned(log: Log) -> Log:
 # ---- the run
 
 
-@chapter(
-    "Timeline",
-    "Which signal drives hips and knees, how often the readout learns, who decides which legs "
-    "stand, and when effects act on the plant.",
-)
+@chapter("Timeline")
 def timeline(log: Log) -> Chart:
-    """Bars over time: phases, driver, learning, estimator, effects, fall."""
+    """Bars over time: phases, driver, learning, estimator, effects, fall.
+
+    Which signal drives hips and knees, how often the readout learns, who decides which legs stand,
+    and when effects act on the plant.
+    """
     effects = [e for e in log.experiment.effects if e.get("start", 0.0) < log.t[-1] + log.dt]
     lanes = ["phase", "HFE, KFE from", "readout learns", "stance from"]
     lanes += [e["name"].replace("_", " ") for e in effects]
     layers = [
         bars(name, [(start, stop - start)], 0, PHASE_COLOURS[name])
-        for _, name, start, stop in spans(log)
+        for _, name, start, stop in style.spans(log)
     ]
     for flags, name, color in zip(
-        drivers(log), ("target drives", "readout drives"), (TARGET, COMMAND), strict=True
+        drivers(log),
+        ("target drives", "readout drives"),
+        (style.TARGET, style.COMMAND),
+        strict=True,
     ):
-        layers.append(bars(name, flag_spans(log.t, flags, log.dt), 1, color))
-    learning = flag_spans(log.t, log.learning.astype(bool), log.dt)
-    layers.append(bars("learns", _joined(learning), 2, OTHER))
+        layers.append(bars(name, style.flag_spans(log.t, flags, log.dt), 1, color))
+    learning = style.flag_spans(log.t, log.learning.astype(bool), log.dt)
+    layers.append(bars("learns", _joined(learning), 2, style.OTHER))
     for index, name in enumerate(ESTIMATORS):
-        flags = flag_spans(log.t, log.estimator == index, log.dt)
+        flags = style.flag_spans(log.t, log.estimator == index, log.dt)
         layers.append(bars(f"stance from {name.upper()}", flags, 3, (GREY, "#e69f00")[index]))
     for lane, effect in enumerate(effects, 4):
         start = max(float(effect.get("start", 0.0)), float(log.t[0]))
@@ -146,7 +139,7 @@ def timeline(log: Log) -> Chart:
         layers.append(bars("effect", [(start, stop - start)], lane, "#cc79a7"))
     if log.fall:
         end = float(log.t[-1])
-        layers.append(line("fall", [end, end], [-0.5, len(lanes) - 0.5], BOUND, size=3.0))
+        layers.append(line("fall", [end, end], [-0.5, len(lanes) - 0.5], style.BOUND, size=3.0))
     # The first lane is at the top.
     layers = [turned(layer, len(lanes)) for layer in layers]
     span = (float(log.t[0]), float(log.t[-1]) + log.dt)
@@ -184,13 +177,13 @@ def drivers(log: Log) -> tuple[np.ndarray, np.ndarray]:
     return by_target, np.all(command == log.prediction, axis=1) & ~by_target
 
 
-@chapter(
-    "Joint tracking",
-    "What the joints should do (target), what they are told (command) and what they do. While the "
-    "target drives, the command is the target.",
-)
+@chapter("Joint tracking")
 def joint_tracking(log: Log) -> Plot:
-    """Target, command and measured position of every joint of a walking robot."""
+    """Target, command and measured position of every joint of a walking robot.
+
+    What the joints should do (target), what they are told (command) and what they do. While the
+    target drives, the command is the target.
+    """
     panels = [
         Panel(
             f"{name.removesuffix('_joint').replace('_', ' ').upper()} [rad]",
@@ -198,7 +191,7 @@ def joint_tracking(log: Log) -> Plot:
         )
         for i, name in enumerate(log.experiment.plant.joints)
     ]
-    return Plot(log.t, panels, spans(log), view=close_look(log))
+    return Plot(log.t, panels, style.spans(log), view=close_look(log))
 
 
 def close_look(log: Log, strides: float = STRIDES) -> tuple[float, float]:
@@ -209,59 +202,59 @@ def close_look(log: Log, strides: float = STRIDES) -> tuple[float, float]:
 def tracked(target: np.ndarray, command: np.ndarray, measured: np.ndarray) -> list[Line]:
     """Lines of target, command and measurement of a joint, (T,) each, in the common colours."""
     return [
-        Line("target", target, TARGET, 3.0),
-        Line("command", command, COMMAND),
-        Line("measured", measured, MEASURED, 1.0),
+        Line("target", target, style.TARGET, 3.0),
+        Line("command", command, style.COMMAND),
+        Line("measured", measured, style.MEASURED, 1.0),
     ]
 
 
 # ---- learning
 
 
-@chapter(
-    "Prediction error",
-    "NRMSE of the eight predicted positions (thesis eq. 3.36) averaged over one gait period, how "
-    "far the prediction is behind its target, and the norm of the readout. Dashed: bound of the "
-    "failure criterion.",
-)
+@chapter("Prediction error")
 def prediction_error(log: Log) -> Plot:
-    """Smoothed NRMSE, lag and weight norm through time."""
+    """Smoothed NRMSE, lag and weight norm through time.
+
+    NRMSE of the eight predicted positions (thesis eq. 3.36) averaged over one gait period, how far
+    the prediction is behind its target, and the norm of the readout. Dashed: bound of the failure
+    criterion.
+    """
     criterion, log = log.experiment.criterion, learned(log)
     target, prediction = quantities.target_and_prediction(log)
     error = signals.smoothed_nrmse(target, prediction, quantities.period(log))
     panels = [
         error_panel(error, criterion.nrmse),
-        Panel("lag [stride]", [Line("lag", quantities.lag(log), COMMAND)]),
-        Panel("readout norm [-]", [Line("readout norm", log.weight_norm, OTHER)]),
+        Panel("lag [stride]", [Line("lag", quantities.lag(log), style.COMMAND)]),
+        Panel("readout norm [-]", [Line("readout norm", log.weight_norm, style.OTHER)]),
     ]
-    return Plot(log.t, panels, spans(log))
+    return Plot(log.t, panels, style.spans(log))
 
 
 def error_panel(error: np.ndarray, bound: float) -> Panel:
     """Panel with the smoothed NRMSE, (T,), and the bound of the failure criterion."""
     lines = [
-        Line("error", error, COMMAND),
-        Line("bound", np.full(len(error), bound), MEASURED, dashed=True),
+        Line("error", error, style.COMMAND),
+        Line("bound", np.full(len(error), bound), style.MEASURED, dashed=True),
     ]
     return Panel("smoothed NRMSE [-]", lines, logarithmic=True)
 
 
-@chapter(
-    "Limit cycle",
-    "Positions and velocities of the eight hips and knees in the plane of the two principal "
-    "components of their targets (thesis section 3.6.3.3, fig. 8.4), in the last strides of each "
-    "phase. Each channel is measured in standard deviations of its target.",
-)
+@chapter("Limit cycle")
 def limit_cycle(log: Log) -> Chart:
-    """Target, command and measured joints in the target's PCA plane, by phase."""
+    """Target, command and measured joints in the target's PCA plane, by phase.
+
+    Positions and velocities of the eight hips and knees in the plane of the two principal
+    components of their targets (thesis section 3.6.3.3, fig. 8.4), in the last strides of each
+    phase. Each channel is measured in standard deviations of its target.
+    """
     log = moving(log)
     target, outputs = quantities.outputs_wanted(log), log.experiment.outputs
     tracks = (
-        (target, "target", TARGET, BROAD),
-        (quantities.outputs_commanded(log), "command", COMMAND, 1.2),
+        (target, "target", style.TARGET, style.BROAD),
+        (quantities.outputs_commanded(log), "command", style.COMMAND, 1.2),
         (
             np.concatenate((log.q[:, outputs], log.dq[:, outputs]), axis=1),
-            "measured", MEASURED, 0.8,
+            "measured", style.MEASURED, 0.8,
         ),
     )  # fmt: skip
     planes = [(signals.limit_cycle(target, x)[1], *style) for x, *style in tracks]
@@ -308,16 +301,18 @@ def readout(check: ReadoutCheck, joint: int = 1, name: str = "LF KFE") -> Plot:
         Panel(
             f"{name} [rad]",
             [
-                Line("target", check.target[:, joint], TARGET, BROAD),
-                Line("network run again", check.recomputed[:, joint], OTHER, 2.4),
-                Line("command", check.commanded[:, joint], COMMAND),
+                Line("target", check.target[:, joint], style.TARGET, style.BROAD),
+                Line("network run again", check.recomputed[:, joint], style.OTHER, 2.4),
+                Line("command", check.commanded[:, joint], style.COMMAND),
             ],
         ),
         Panel(
             "distance of the command [rad, rad/s]",
             [
-                Line("from the target", np.maximum(check.target_distance, _ZERO), TARGET, 2.0),
-                Line("from the network run again", np.maximum(error, _ZERO), OTHER),
+                Line(
+                    "from the target", np.maximum(check.target_distance, _ZERO), style.TARGET, 2.0
+                ),
+                Line("from the network run again", np.maximum(error, _ZERO), style.OTHER),
             ],
             logarithmic=True,
         ),

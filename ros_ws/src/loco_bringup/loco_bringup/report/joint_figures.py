@@ -6,54 +6,25 @@ from __future__ import annotations
 import numpy as np
 
 from loco_control.exceptions import BagError
-from loco_learning.drawing.chart import (
-    GREY,
-    PALETTE,
-    Axis,
-    Chart,
-    Frame,
-    Layer,
-    dots,
-    line,
-)
+from loco_learning.drawing.chart import GREY, PALETTE, Axis, Chart, Frame, Layer, dots, line
 from loco_learning.metrics import quantities, signals
 from loco_learning.reflex.joint_sensors import passive_joints
 from loco_learning.runs.log import Log
 from loco_learning.study.trial import driven
 from loco_sim.robot.frames import feet_in_base
 
+from ..page import style
 from ..page.plot import Line, Panel, Plot, short
-from ..page.style import (
-    COMMAND,
-    MEASURED,
-    OTHER,
-    chapters,
-    spans,
-)
-from .figures import (
-    close_look,
-    component_frame,
-    error_panel,
-    motion_of_base,
-    of_one_range,
-    posed,
-    tracked,
-)
+from . import figures
 
 MOST = 12  # largest number of joints in one plot
-STRIDES = 6  # number of strides in a foot path or a limit cycle
 
 
-CHAPTERS, chapter = chapters()
+CHAPTERS, chapter = style.chapters()
 OF_GAITS = {"Passive joints", "Prediction error", "Limit cycle", "Path", "Base motion", "Feet"}
 
 
 # ---- parts of a log
-
-
-def tail(log: Log, strides: float) -> slice:
-    """Ticks of the last strides of a log."""
-    return slice(max(0, len(log) - round(strides * quantities.period(log))), len(log))
 
 
 def learned(log: Log) -> Log:
@@ -68,33 +39,33 @@ def learned(log: Log) -> Log:
 # ---- the figures
 
 
-@chapter(
-    "Driven joints",
-    "What the joints are meant to do (target), what the drives are told (command) and what the "
-    "joints do. In open loop the command is the target.",
-)
+@chapter("Driven joints")
 def driven_joints(log: Log) -> Plot:
-    """Target, command and measured angle of each driven joint."""
+    """Target, command and measured angle of each driven joint.
+
+    What the joints are meant to do (target), what the drives are told (command) and what the joints
+    do. In open loop the command is the target.
+    """
     plant = log.experiment.plant
     if not len(plant.driven):
         raise BagError("the robot has no driven joint")
     panels = [
         Panel(
             f"{short(plant.joints[joint])} [rad]",
-            tracked(log.target[:, i], log.command[:, i], log.q[:, joint]),
+            figures.tracked(log.target[:, i], log.command[:, i], log.q[:, joint]),
         )
         for i, joint in enumerate(plant.driven[:MOST])
     ]
-    return Plot(log.t, panels, spans(log), view=close_look(log))
+    return Plot(log.t, panels, style.spans(log), view=figures.close_look(log))
 
 
-@chapter(
-    "Passive joints",
-    "Angles as their sensors say, with noise and quantisation: no drive moves these joints, only "
-    "springs and the ground.",
-)
+@chapter("Passive joints")
 def passive(log: Log) -> Plot:
-    """Angle of each passive joint."""
+    """Angle of each passive joint.
+
+    Angles as their sensors say, with noise and quantisation: no drive moves these joints, only
+    springs and the ground.
+    """
     plant = log.experiment.plant
     joints = passive_joints(plant)[:MOST]
     if not len(joints):
@@ -102,21 +73,21 @@ def passive(log: Log) -> Plot:
     panels = [
         Panel(
             f"{short(plant.joints[joint])} [rad]",
-            [Line("measured", log.q[:, joint], MEASURED, 1.0)],
+            [Line("measured", log.q[:, joint], style.MEASURED, 1.0)],
         )
         for joint in joints
     ]
-    return Plot(log.t, panels, spans(log), view=close_look(log))
+    return Plot(log.t, panels, style.spans(log), view=figures.close_look(log))
 
 
-@chapter(
-    "Prediction error",
-    "NRMSE of the predicted positions (thesis eq. 3.36) averaged over one stride, and how far the "
-    "prediction is behind the oscillators, which go on in silence. Nothing ties the closed loop "
-    "to their clock: a slow lag is a small difference in rhythm. Dashed: bounds of the criterion.",
-)
+@chapter("Prediction error")
 def prediction_error(log: Log) -> Plot:
-    """Smoothed NRMSE and lag through time."""
+    """Smoothed NRMSE and lag through time.
+
+    NRMSE of the predicted positions (thesis eq. 3.36) averaged over one stride, and how far the
+    prediction is behind the oscillators, which go on in silence. Nothing ties the closed loop to
+    their clock: a slow lag is a small difference in rhythm. Dashed: bounds of the criterion.
+    """
     bounds, log = log.experiment.criterion, learned(log)
     valid = ~np.isnan(log.prediction[:, 0])
     if not valid.any():
@@ -130,20 +101,20 @@ def prediction_error(log: Log) -> Plot:
     start = int(np.searchsorted(log.t, driven_part.t[0]))
     lag[start : start + len(driven_part)] = quantities.lag(driven_part)
     panels = [
-        error_panel(error, bounds.nrmse),
-        Panel("lag [stride]", [Line("lag", lag, COMMAND)]),
+        figures.error_panel(error, bounds.nrmse),
+        Panel("lag [stride]", [Line("lag", lag, style.COMMAND)]),
     ]
-    return Plot(log.t, panels, spans(log))
+    return Plot(log.t, panels, style.spans(log))
 
 
-@chapter(
-    "Limit cycle",
-    "Commands and passive joints as one point per tick, in the plane of the two principal "
-    "components of the whole run (thesis section 3.6.3.3), in the last strides of each phase. "
-    "A gait is a closed loop; a thin one repeats well.",
-)
+@chapter("Limit cycle")
 def limit_cycle(log: Log) -> Chart:
-    """Commands and passive joints in a common PCA plane, by phase."""
+    """Commands and passive joints in a common PCA plane, by phase.
+
+    Commands and passive joints as one point per tick, in the plane of the two principal components
+    of the whole run (thesis section 3.6.3.3), in the last strides of each phase. A gait is a closed
+    loop; a thin one repeats well.
+    """
     stride, phase_ticks = quantities.period(log), log.phases().items()
     phases = {k: v for k, v in phase_ticks if v.stop - v.start > stride and k != "stand"}
     if not phases:
@@ -154,18 +125,23 @@ def limit_cycle(log: Log) -> Chart:
     plane = signals.limit_cycle(points, points)[1]
     frames = []
     for name, ticks in phases.items():
-        first = max(ticks.start, ticks.stop - STRIDES * stride)
+        first = max(ticks.start, ticks.stop - figures.STRIDES * stride)
         drives = name in ("closing", "test")
-        label, color = ("readout drives", COMMAND) if drives else ("oscillators drive", OTHER)
+        label, color = (
+            ("readout drives", style.COMMAND) if drives else ("oscillators drive", style.OTHER)
+        )
         layers = [line(label, *plane[first : ticks.stop].T, color, size=0.9)]
-        frames.append(component_frame(layers, name))
-    return Chart(of_one_range(frames))
+        frames.append(figures.component_frame(layers, name))
+    return Chart(figures.of_one_range(frames))
 
 
-@chapter("Path", "The base from above. Dots: every fifth stride.")
+@chapter("Path")
 def path(log: Log) -> Chart:
-    """Position of the base in the horizontal plane, one colour per phase."""
-    log = posed(log)
+    """Position of the base in the horizontal plane, one colour per phase.
+
+    The base from above. Dots: every fifth stride.
+    """
+    log = figures.posed(log)
     layers, step = list[Layer](), 5 * quantities.period(log)
     for i, (name, ticks) in enumerate(log.phases().items()):
         xy = log.position[slice(ticks.start, ticks.stop + 1), :2]
@@ -177,31 +153,27 @@ def path(log: Log) -> Chart:
     x, y = log.position[-1, :2]
     reach = 0.05 * max(float(np.ptp(log.position[:, :2], axis=0).max()), 0.1)
     heading = [x, x + reach * np.cos(yaw)], [y, y + reach * np.sin(yaw)]
-    layers.append(line("heading at the end", *heading, MEASURED, size=2.0))
+    layers.append(line("heading at the end", *heading, style.MEASURED, size=2.0))
     return Chart([Frame(Axis("x [m]"), Axis("y [m]"), layers, equal=True)])
 
 
-@chapter(
-    "Base motion",
-    "Ground truth through the run, and its mean over a stride.",
+chapter("Base motion", "Ground truth through the run, and its mean over a stride.")(
+    figures.motion_of_base
 )
-def base_motion(log: Log) -> Plot:
-    """Height, roll, pitch, yaw and forward speed."""
-    return motion_of_base(log)
 
 
-@chapter(
-    "Feet",
-    "Paths of each foot in the frame of the base in the last strides, seen from the left. "
-    "Heights of each foot over the lowest point that any reached, by ground truth and "
-    "measured joints.",
-)
+@chapter("Feet")
 def feet(log: Log) -> Chart:
-    """Foot paths in the base frame and foot heights in the world."""
+    """Foot paths in the base frame and foot heights in the world.
+
+    Paths of each foot in the frame of the base in the last strides, seen from the left. Heights of
+    each foot over the lowest point that any reached, by ground truth and measured joints.
+    """
     names = log.experiment.plant.feet
     if not names:
         raise BagError("the robot has no feet")
-    log = posed(log).cut(tail(posed(log), STRIDES))
+    log = figures.posed(log)
+    log = log.cut(figures.whole_strides(log))
     positions = feet_in_base(log.experiment.plant, log.q)  # (T, f, 3)
     height = np.einsum("ti,tfi->tf", _down(log.orientation), positions) + log.position[:, 2:]
     lowest, rows = float(height.min()), slice(-2 * quantities.period(log), None)
@@ -224,13 +196,13 @@ def _down(quaternion: np.ndarray) -> np.ndarray:
     )
 
 
-@chapter(
-    "Torque and power",
-    "Torque of the drives, and their mechanical power averaged over two periods of the target; "
-    "positive power takes braking as lost.",
-)
+@chapter("Torque and power")
 def torque_and_power(log: Log) -> Plot:
-    """Torque of each drive and power through time."""
+    """Torque of each drive and power through time.
+
+    Torque of the drives, and their mechanical power averaged over two periods of the target;
+    positive power takes braking as lost.
+    """
     plant, window = log.experiment.plant, 2 * quantities.period(log)
     torques = [
         Line(short(plant.joints[joint]), log.tau[:, joint], PALETTE[i], 1.0)
@@ -239,8 +211,8 @@ def torque_and_power(log: Log) -> Plot:
     return Plot(
         log.t,
         [Panel("torque [N·m]", torques), power(log, window)],
-        spans(log),
-        view=close_look(log),
+        style.spans(log),
+        view=figures.close_look(log),
     )
 
 
@@ -250,7 +222,7 @@ def power(log: Log, window: int) -> Panel:
     each = log.dq[:, driven] * log.tau[:, driven]
     positive = signals.moving_mean(np.maximum(each, 0.0).sum(axis=1), window)
     lines = [
-        Line("positive work only", positive, OTHER),
-        Line("signed", signals.moving_mean(each.sum(axis=1), window), MEASURED, 1.0),
+        Line("positive work only", positive, style.OTHER),
+        Line("signed", signals.moving_mean(each.sum(axis=1), window), style.MEASURED, 1.0),
     ]
     return Panel("power [W]", lines)

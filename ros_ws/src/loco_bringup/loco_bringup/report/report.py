@@ -7,6 +7,7 @@ A section without data in the bag shows the reason instead.
 
 from __future__ import annotations
 
+import argparse
 from pathlib import Path
 
 from loco_control.exceptions import LocoError, MissingFileError
@@ -14,10 +15,17 @@ from loco_control.exceptions import LocoError, MissingFileError
 from ..bag.foreign.opening import open_bag
 from ..bag.reader import Bag
 from ..logs.bag_log import read_log
+from ..terminal import console
 from . import live, network, robot
 from .live_log import is_live, read_live
 
 GIF = "gait.gif"
+
+
+def show_report(a: argparse.Namespace) -> int:
+    """Write the report page of a bag and print its path."""
+    console.print(str(write_report(a.bag, a.out, gif=not a.no_gif)))
+    return 0
 
 
 def write_report(bag: Bag | str | Path, out: str | Path | None = None, gif: bool = True) -> Path:

@@ -50,8 +50,12 @@ def page(bag: Bag, log: Log, gif: Path | None) -> str:
         [
             *parts.drawn(chapters, log),
             *(
-                [part(f"Who drives {'hips and knees' if walks else 'the joints'}",
-                      lambda: driver(log, check))]
+                [
+                    part(
+                        f"Who drives {'hips and knees' if walks else 'the joints'}",
+                        lambda: driver(log, check),
+                    )
+                ]
                 if log.experiment.learner.enabled or not bolted
                 else []
             ),
@@ -126,8 +130,9 @@ def sentence(log: Log, values: dict[str, dict[str, float]]) -> str:
 def _tracked(log: Log, values: dict[str, dict[str, float]]) -> str:
     """Sentence on the tracking error of the drives; empty if unknown."""
     last = list(values.values())[-1] if values else {}
-    error, motion = last.get("tracking_error", math.nan), quantities.columns(
-        log.q, log.experiment.plant.driven
+    error, motion = (
+        last.get("tracking_error", math.nan),
+        quantities.columns(log.q, log.experiment.plant.driven),
     )
     if not math.isfinite(error) or not motion.size:
         return ""
@@ -159,16 +164,9 @@ def animation(log: Log, path: Path | None) -> Markup:
     log = figures.posed(log)
     log = log.cut(figures.tail(log, strides * quantities.period(log) * log.dt))
     data = render_gif(
-        path,
-        log.t,
-        log.position,
-        log.orientation,
-        log.q,
-        fps=parts.FPS,
-        size=parts.SIZE,
-        robot=log.experiment.plant,
-        speed=speed,
-    )
+        path, log.t, log.position, log.orientation, log.q, fps=parts.FPS, size=parts.SIZE,
+        robot=log.experiment.plant, speed=speed,
+    )  # fmt: skip
     pace = "in real time" if speed == 1.0 else f"at {speed:g} of its speed"
     text = f"The robot at the end of the run, {log.t[0]:.2f} s to {log.t[-1]:.2f} s, {pace}."
     return html.movie(data, text)

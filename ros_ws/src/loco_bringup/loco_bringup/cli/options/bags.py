@@ -6,7 +6,7 @@ from __future__ import annotations
 from argparse import ArgumentParser
 from pathlib import Path
 
-from .registry import group
+from .registry import group, option
 from .run import split
 
 command = group("Record and read bags")
@@ -18,18 +18,17 @@ def _bag(p: ArgumentParser) -> None:
 
 @command("record", "cli.logs:record", "record topics of any running graph to a bag")
 def record(p: ArgumentParser) -> None:
-    """Options of `loco record`."""
-    p.description += (
-        "\n\nTypes and QoS are those of the publishers; topics that appear later are recorded"
-        " too.\nCtrl-C ends it."
-    )
+    """Options of `loco record`.
+
+    Types and QoS are those of the publishers; topics that appear later are recorded too.
+    Ctrl-C ends it.
+    """
     p.add_argument("topics", nargs="*", help="names (default all)")
-    p.add_argument("--out", type=Path, help="new bag folder (default bags/record_TIME)")
-    p.add_argument("--exclude", default="", metavar="REGEX", help="leave out names that match")
-    p.add_argument("--duration", type=float, default=0.0, help="stop after so many seconds")
-    p.add_argument("--messages", type=int, default=0, help="stop after so many messages")
-    p.add_argument("--stamps", action="store_true",
-                   help="log by the messages' stamps (simulated time), not by arrival")  # fmt: skip
+    option(p, "--out", Path, "new bag folder (default bags/record_TIME)")
+    option(p, "--exclude", "", "leave out names that match", "REGEX")
+    option(p, "--duration", 0.0, "stop after so many seconds")
+    option(p, "--messages", 0, "stop after so many messages")
+    option(p, "--stamps", False, "log by the messages' stamps (simulated time), not by arrival")
     split(p)
 
 
@@ -38,46 +37,43 @@ def record(p: ArgumentParser) -> None:
 @command("replay", "cli.logs:replay",
          "publish a bag's topics again, or test live controllers with it")  # fmt: skip
 def replay(p: ArgumentParser) -> None:
-    """Options of `loco replay`."""
-    p.description += (
-        "\n\nKeys in a terminal: space pauses, s steps, + and - change the speed, q ends.\n"
-        "With --verify the plant's topics go tick by tick to live controllers, and what\n"
-        "they answer is compared with the bag, byte for byte."
-    )
+    """Options of `loco replay`.
+
+    Keys in a terminal: space pauses, s steps, + and - change the speed, q ends.
+    With --verify the plant's topics go tick by tick to live controllers, and what
+    they answer is compared with the bag, byte for byte.
+    """
     _bag(p)
-    p.add_argument("--speed", type=float, default=1.0, help="x real time, 0 as fast as possible")
+    option(p, "--speed", 1.0, "x real time, 0 as fast as possible")
     p.add_argument("--topics", nargs="*", help="only these topics")
-    p.add_argument("--start", type=float, default=0.0, help="seconds from the bag's begin")
-    p.add_argument("--end", type=float, help="seconds from the bag's begin")
-    p.add_argument("--loop", action="store_true", help="begin again at the end, until Ctrl-C")
-    p.add_argument("--pause", action="store_true", help="wait for a key (or /replayer/control)")
-    p.add_argument("--remap", action="append", default=[], metavar="FROM:=TO",
-                   help="publish under another name (repeatable)")  # fmt: skip
+    option(p, "--start", 0.0, "seconds from the bag's begin")
+    option(p, "--end", float, "seconds from the bag's begin")
+    option(p, "--loop", False, "begin again at the end, until Ctrl-C")
+    option(p, "--pause", False, "wait for a key (or /replayer/control)")
+    option(p, "--remap", list, "publish under another name (repeatable)", "FROM:=TO")
     v = p.add_argument_group("verify")
-    v.add_argument("--verify", action="store_true", help="compare live controllers with the bag")
+    option(v, "--verify", False, "compare live controllers with the bag")
     v.add_argument("--layout", default="composed", choices=("composed", "processes"))
-    v.add_argument("--nodes", help="node set, name or YAML path (default: as the experiment)")
-    v.add_argument("--set", action="append", default=[], metavar="KEY=VALUE",
-                   help="change a value of the experiment first (repeatable)")  # fmt: skip
-    v.add_argument("--tolerance", type=float, default=0.0,
-                   help="largest difference of numbers that count as equal")  # fmt: skip
-    v.add_argument("--json", type=Path, help="write the differences to this file too")
+    option(v, "--nodes", str, "node set, name or YAML path (default: as the experiment)")
+    option(v, "--set", list, "change a value of the experiment first (repeatable)", "KEY=VALUE")
+    option(v, "--tolerance", 0.0, "largest difference of numbers that count as equal")
+    option(v, "--json", Path, "write the differences to this file too")
 
 
 @command("info", "cli.bags:info", "show what a bag holds")
 def info(p: ArgumentParser) -> None:
     """Options of `loco info`."""
     _bag(p)
-    p.add_argument("--check", action="store_true", help="read every chunk, check every sum")
-    p.add_argument("--json", action="store_true", help="print JSON")
+    option(p, "--check", False, "read every chunk, check every sum")
+    option(p, "--json", False, "print JSON")
 
 
-@command("report", "report.terminal:show_report", "write one self-contained HTML page about a bag")
+@command("report", "report.report:show_report", "write one self-contained HTML page about a bag")
 def report(p: ArgumentParser) -> None:
     """Options of `loco report`."""
     _bag(p)
-    p.add_argument("--out", type=Path, help="HTML file (default report.html in the bag folder)")
-    p.add_argument("--no-gif", action="store_true", help="leave the animation out (faster)")
+    option(p, "--out", Path, "HTML file (default report.html in the bag folder)")
+    option(p, "--no-gif", False, "leave the animation out (faster)")
 
 
 @command("compare", "report.compare:show_comparison", "write a page with two or more runs on the "
@@ -85,8 +81,7 @@ def report(p: ArgumentParser) -> None:
 def compare(p: ArgumentParser) -> None:
     """Options of `loco compare`."""
     p.add_argument("bag", type=Path, nargs="+", help="bags of one robot, the reference first")
-    p.add_argument("--out", type=Path, default=Path("compare.html"),
-                   help="HTML file (default compare.html here)")  # fmt: skip
+    option(p, "--out", Path("compare.html"), "HTML file (default compare.html here)")
 
 
 @command("view --layouts", "view.layouts_terminal:show_layouts",
@@ -97,30 +92,29 @@ def view(p: ArgumentParser) -> None:
     """Options of `loco view`."""
     p.add_argument("bag", type=Path, nargs="*",
                    help="bags of runs, or a folder of results of `loco gap`")  # fmt: skip
-    p.add_argument("--save", type=Path, help="write this .rrd file and start no viewer")
+    option(p, "--save", Path, "write this .rrd file and start no viewer")
     p.add_argument("--layouts", type=Path, nargs="?", const=Path("layouts"), metavar="DIR",
                    help="write layouts for Foxglove and RViz (default: into layouts/)")  # fmt: skip
 
 
 @command("recover", "cli.bags:recover", "make a whole bag of a damaged or unfinished one")
 def recover(p: ArgumentParser) -> None:
-    """Options of `loco recover`."""
-    p.description += (
-        "\n\nCopies every whole chunk, says what is lost. The new folder appears when it is"
-        " complete."
-    )
+    """Options of `loco recover`.
+
+    Copies every whole chunk, says what is lost. The new folder appears when it is complete.
+    """
     _bag(p)
-    p.add_argument("--out", type=Path, help="new bag folder (default BAG_recovered)")
+    option(p, "--out", Path, "new bag folder (default BAG_recovered)")
 
 
 @command("export", "cli.bags:export", "write topics of a bag as CSV or NumPy files")
 def export(p: ArgumentParser) -> None:
-    """Options of `loco export`."""
-    p.description += (
-        "\n\nA file per topic: columns for messages of constant layout, JSON lines for the others."
-    )
+    """Options of `loco export`.
+
+    A file per topic: columns for messages of constant layout, JSON lines for the others.
+    """
     _bag(p)
-    p.add_argument("--out", type=Path, help="folder (default BAG/export)")
+    option(p, "--out", Path, "folder (default BAG/export)")
     p.add_argument("--format", default="npz", choices=("npz", "csv"), help="default npz")
     p.add_argument("--topics", nargs="+", help="only these topics")
 
