@@ -113,22 +113,16 @@ def _form(bag: Bag) -> str:
     coding = f", {bag.coding}" if bag.coding else ""
     if isinstance(bag, RawBag):
         return f"{bag.form}{coding}{packing}"
-    chunks, size, packed = _packing(bag)
-    each = f"{size / max(chunks, 1) / 1e3:.0f} kB"
-    return f"{chunks} chunks of {each}, packed to {packed} %{coding}{packing}"
+    heads = [chunk_head(f.data, c) for f in map(McapFile, bag.paths) for c in f.chunks]
+    size = sum(head.size for head in heads)
+    packed = round(100 * sum(head.stop - head.start for head in heads) / max(size, 1))
+    each = f"{size / max(len(heads), 1) / 1e3:.0f} kB"
+    return f"{len(heads)} chunks of {each}, packed to {packed} %{coding}{packing}"
 
 
 def _size(bag: Bag) -> int:
     """Size of the files [bytes]."""
     return sum(path.stat().st_size for path in bag.paths)
-
-
-def _packing(bag: Bag) -> tuple[int, int, int]:
-    """Number of chunks, their uncompressed size [bytes] and compression ratio [%]."""
-    heads = [chunk_head(f.data, c) for f in map(McapFile, bag.paths) for c in f.chunks]
-    size = sum(head.size for head in heads)
-    packed = sum(head.stop - head.start for head in heads)
-    return len(heads), size, round(100 * packed / max(size, 1))
 
 
 def _about(bag: Bag) -> dict[str, Any]:

@@ -51,14 +51,7 @@ def _effects() -> tuple[str, tuple, list]:
 
 def _topics() -> tuple[str, tuple, list]:
     rows = [
-        (
-            t.name,
-            graph,
-            t.message,
-            f"{t.rate:g} Hz" if t.rate else "event",
-            t.writer,
-            t.doc,
-        )
+        (t.name, graph, t.message, f"{t.rate:g} Hz" if t.rate else "event", t.writer, t.doc)
         for graph, table in TABLES.items()
         for t in table.values()
     ]

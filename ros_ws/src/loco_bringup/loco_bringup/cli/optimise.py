@@ -5,7 +5,6 @@ from __future__ import annotations
 
 import argparse
 import math
-from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -24,46 +23,41 @@ from loco_learning.search.population import PopulationParams, Progress
 from ..terminal import bar, console
 
 
-def optimise_gait(
-    params: GaitSearchParams,
-    options: PopulationParams,
-    seeds: int,
-    out: Path | None = None,
-    start: Path | None = None,
-    gif: bool = False,
-) -> int:
-    """Search a gait from several seeds; resumes the search in the folder.
+def run(a: argparse.Namespace) -> int:
+    """`loco optimise`: search a gait from several seeds; resumes the search in the folder.
 
     Writes ``seed_N/evaluations.jsonl`` and ``seed_N/gait.yaml`` per seed, the best gait as
-    ``gait.yaml``, ``convergence.png`` and, if `gif` is set, ``gait.gif``.
+    ``gait.yaml``, ``convergence.png`` and on request ``gait.gif``.
 
     Returns:
         0 if the best gait walks, 3 if it falls.
 
     Raises:
-        ParameterError: `seeds` is below 1, or a parameter of the search is invalid.
+        ParameterError: The number of seeds is below 1, or a parameter of the search is invalid.
     """
-    if seeds < 1:
-        raise ParameterError(f"seeds must be at least 1, got {seeds}")
-    folder = out or Path("results") / params.gait
+    params = GaitSearchParams(
+        **{key: getattr(a, key) for key in ("gait", "frequency", "duration", "randomise")},
+        robot=a.robot or a.gait.split("_")[0],
+        samples=a.samples,
+    )
+    keys = ("seed", "sigma", "population", "evaluations", "plateau", "workers", "scheduler")
+    options = PopulationParams(**{key: getattr(a, key) for key in keys})
+    if a.seeds < 1:
+        raise ParameterError(f"seeds must be at least 1, got {a.seeds}")
+    folder = a.out or Path("results") / params.gait
     check_writable(folder)
-    first = gait_file.load(start).parameters if start else None
+    first = gait_file.load(a.start).parameters if a.start else None
     results = []
-    for seed in range(options.seed, options.seed + seeds):
+    for seed in range(options.seed, options.seed + a.seeds):
         place = folder / f"seed_{seed}"
-
-        def one(tell: Callable[[Progress], Any], seed: int = seed, place: Path = place) -> Any:
-            each = options.replace(seed=seed)
-            return gait_search.search(params, each, place, first, tell, problem_of(params.gait))
-
-        gait, optimum = show_search(f"{params.gait} seed {seed}", options.evaluations, one)
+        gait, optimum = search(params, options.replace(seed=seed), place, first)
         gait.save(place / "gait.yaml")
         results.append((gait, optimum, place))
     best, optimum, _ = min(results, key=lambda item: item[1].value)
     best.save(folder / "gait.yaml")
     figure = gait_figures.convergence([place for *_, place in results], params.gait)
     write_whole(folder / "convergence.png", partial(figure.savefig, format="png"))
-    if gif:
+    if a.gif:
         gait_figures.animate(best, folder / "gait.gif")
     console.print(_table(results))
     for path in sorted(p for p in folder.iterdir() if p.is_file()):
@@ -73,16 +67,19 @@ def optimise_gait(
     return 3 if optimum.reason else 0
 
 
-def show_search(name: str, budget: int, run: Callable[[Callable[[Progress], Any]], Any]) -> Any:
-    """Call `run` and display the `Progress` it reports in a live line; returns its result."""
-    columns = "{task.completed}/{task.total} evaluations", "{task.fields[now]}"
-    with bar(*columns) as progress:
+def search(params: GaitSearchParams, options: PopulationParams, place: Path, first: Any) -> Any:
+    """Gait and optimum of a search from one seed, which tells its progress in a live line."""
+    budget = options.evaluations
+    with bar("{task.completed}/{task.total} evaluations", "{task.fields[now]}") as progress:
+        name = f"{params.gait} seed {options.seed}"
         task = progress.add_task(name, total=budget, now="starting")
 
-        def tell(p: Progress) -> None:
+        def show_progress(p: Progress) -> None:
             progress.update(task, completed=min(p.evaluations, budget), now=line(p))
 
-        return run(tell)
+        return gait_search.search(
+            params, options, place, first, show_progress, problem_of(params.gait)
+        )
 
 
 def line(p: Progress) -> str:
@@ -110,15 +107,3 @@ def _table(found: list[tuple]) -> Table:
             optimum.ended,
         )
     return table
-
-
-def run(a: argparse.Namespace) -> int:
-    """`loco optimise`: search a gait; returns the exit code."""
-    params = GaitSearchParams(
-        **{key: getattr(a, key) for key in ("gait", "frequency", "duration", "randomise")},
-        robot=a.robot or a.gait.split("_")[0],
-        samples=a.samples,
-    )
-    keys = ("seed", "sigma", "population", "evaluations", "plateau", "workers", "scheduler")
-    options = PopulationParams(**{key: getattr(a, key) for key in keys})
-    return optimise_gait(params, options, a.seeds, a.out, a.start, a.gif)

@@ -2,16 +2,18 @@
 """Table of the commands, generated from their options, and their lazy import.
 
 A command consists of two functions. The first, in a module of ``cli/options``, adds the options
-to a parser and imports nothing slow, so that help and error messages appear quickly. Its
-decorator names the second as ``module:function``, relative to this package (`loco_bringup`) or,
-for developer commands, to ``tests/workshop`` of a clone. The second takes the parsed options and
-returns the exit code; its import loads everything that the command uses.
+to a parser and imports nothing slow, so that help and error messages appear quickly. What its
+docstring says below the first line is in the help. Its decorator names the second function as
+``module:function``, relative to this package (`loco_bringup`) or, for developer commands, to
+``tests/workshop`` of a clone. This one takes the parsed options and returns the exit code; its
+import loads everything that the command uses.
 """
 
 from __future__ import annotations
 
 import argparse
 import importlib
+import inspect
 import os
 from collections.abc import Callable
 from typing import Any, NoReturn
@@ -135,10 +137,11 @@ def split(arguments: list[str]) -> tuple[str, list[str]]:
 def parser(name: str) -> Parser:
     """Parser of the options of a command."""
     command = COMMANDS[name]
+    _, _, more = inspect.cleandoc(command.options.__doc__).partition("\n")
     p = Parser(
         prog=f"loco {name.partition(' --')[0]}",
         allow_abbrev=False,
-        description=command.text,
+        description=f"{command.text}\n{more}",
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     command.options(p)

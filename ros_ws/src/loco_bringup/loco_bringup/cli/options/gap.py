@@ -6,104 +6,93 @@ from __future__ import annotations
 from argparse import SUPPRESS, ArgumentParser
 from pathlib import Path
 
-from .registry import group
-from .run import SCHEDULER, engine
+from .registry import group, option
+from .run import SCHEDULER, engine, live
 
 command = group("Find out why a model and a robot differ")
-
-MORE = """
-
-  loco gap BAG... --robot R     search; writes gap.html, gap.json and model.yaml
-  loco gap my.csv --robot my.urdf   the same; what it guesses about both it writes and says
-  loco gap DIR --add BAG...     search again with more recordings
-  loco gap --live --robot R     the same with two robots that run, over topics
-  loco gap check BAG... --robot R   before a search: what these recordings can tell
-  loco gap mapping FILE         draft the mapping of a table or bag, with reasons
-  loco gap next DIR             write the experiment that would tell most as a file
-  loco gap experiments ROBOT    write experiments that excite a robot, as files
-  loco gap battery              many hidden effects: how often the name is right
-
-Verdicts: named, ambiguous, unknown, no gap; set-up, where units, signs or names have to be mended first."""
 
 
 def add_out(p: ArgumentParser, text: str) -> None:
     """Add the option ``--out`` and its older name ``--output``, which is hidden in the help."""
-    p.add_argument("--out", type=Path, metavar="DIR", help=text)
+    option(p, "--out", Path, text, "DIR")
     p.add_argument("--output", dest="out", type=Path, help=SUPPRESS)
 
 
-@command("gap --live", "live.gap_terminal:show_live",
+@command("gap --live", "live.terminal:show_gap",
          "the same with two robots that run, over topics")  # fmt: skip
 @command("gap", "gap.terminal:show_gap",
          "find where a model and recordings differ, and name the cause")  # fmt: skip
 def search(p: ArgumentParser) -> None:
-    """Options of `loco gap BAG...`."""
-    p.description += MORE
+    """Options of `loco gap BAG...`.
+
+      loco gap BAG... --robot R     search; writes gap.html, gap.json and model.yaml
+      loco gap my.csv --robot my.urdf   the same; what it guesses about both it writes and says
+      loco gap DIR --add BAG...     search again with more recordings
+      loco gap --live --robot R     the same with two robots that run, over topics
+      loco gap check BAG... --robot R   before a search: what these recordings can tell
+      loco gap mapping FILE         draft the mapping of a table or bag, with reasons
+      loco gap next DIR             write the experiment that would tell most as a file
+      loco gap experiments ROBOT    write experiments that excite a robot, as files
+      loco gap battery              many hidden effects: how often the name is right
+
+    Verdicts: named, ambiguous, unknown, no gap; set-up, where units, signs or names have to be
+    mended first.
+    """
     engine(p)
     p.add_argument("bags", nargs="*", metavar="BAG", help="bag folder, .mcap, CSV or JSON file; or "
                    "a folder of results, with --add")  # fmt: skip
-    p.add_argument("--robot", help="robot, robot.yaml, model.yaml or URDF to begin with")
-    p.add_argument("--mapping", type=Path, metavar="YAML",
-                   help="role and unit of each column of a table (default: beside it, or "
-                   "drafted)")  # fmt: skip
+    option(p, "--robot", str, "robot, robot.yaml, model.yaml or URDF to begin with")
+    option(p, "--mapping", Path, "role and unit of each column of a table (default: beside it, or "
+           "drafted)", "YAML")  # fmt: skip
     p.add_argument("--hold-out", nargs="+", default=[], metavar="BAG",
                    help="recordings to judge on, never fitted (default: the last)")  # fmt: skip
-    p.add_argument("--add", nargs="+", default=[], metavar="BAG",
-                   help="more recordings for a folder of results")  # fmt: skip
+    option(p, "--add", tuple, "more recordings for a folder of results", "BAG")
     add_out(p, "folder of the results (default results/gap_BAG)")
     p.add_argument("--free", nargs="+", default=[], metavar="NAME",
                    help="values of robot.yaml that may be wrong and are fitted along")  # fmt: skip
-    p.add_argument("--effects", nargs="+", default=[], metavar="NAME",
-                   help="only these effects are offered as causes (default: all)")  # fmt: skip
-    p.add_argument("--residual", action="store_true", help="where something without a name is "
-                   "left, fit a learned correction, which explains nothing")  # fmt: skip
-    p.add_argument("--set", action="append", default=[], metavar="KEY=VALUE",
-                   help="a setting of the search (repeatable), e.g. accuracy=0.1: an error below a "
-                   "tenth of a signal's deviation counts as explained")  # fmt: skip
-    p.add_argument("--seed", type=int, help="seed of everything drawn (default 0)")
-    p.add_argument("--workers", type=int, default=2, help="processes (default 2)")
-    p.add_argument("--live", action="store_true",
-                   help="no bag: run a surrogate robot and a model, over topics")  # fmt: skip
-    p.add_argument("--measured", default="surrogate_sine", metavar="EXPERIMENT",
-                   help="--live: the robot that stands for the real one")  # fmt: skip
-    p.add_argument("--speed", type=float, default=1.0,
-                   help="--live: at most this x real time, 0 for no limit")  # fmt: skip
+    option(p, "--effects", tuple, "only these effects are offered as causes (default: all)", "NAME")
+    option(p, "--residual", False, "where something without a name is left, fit a learned "
+           "correction, which explains nothing")  # fmt: skip
+    option(p, "--set", list, "a setting of the search (repeatable), e.g. accuracy=0.1: an error "
+           "below a tenth of a signal's deviation counts as explained", "KEY=VALUE")  # fmt: skip
+    option(p, "--seed", int, "seed of everything drawn (default 0)")
+    option(p, "--workers", 2, "processes (default 2)")
+    live(p, "no bag: run a surrogate robot and a model, over topics")
 
 
 @command("gap check", "gap.check:show_check",
          "say what recordings can tell before a search, in half a minute")  # fmt: skip
 def check(p: ArgumentParser) -> None:
-    """Options of `loco gap check`."""
-    p.description += """
+    """Options of `loco gap check`.
 
-Half a minute instead of a search: the set-up (units, signs, names of joints, scales, gravity,
-masses, gains, each with the line that mends it), telemetry, timing, which effects would show in these
-recordings at which joint and from which size on, what is missing, and how long a search takes.
-Exit code 2 where a recording is refused."""
+    Half a minute instead of a search: the set-up (units, signs, names of joints, scales, gravity,
+    masses, gains, each with the line that mends it), telemetry, timing, which effects would show in
+    these recordings at which joint and from which size on, what is missing, and how long a search
+    takes. Exit code 2 where a recording is refused.
+    """
     engine(p)
     p.add_argument("bags", nargs="+", metavar="BAG", help="bag folder, .mcap, CSV or JSON file")
-    p.add_argument("--robot", help="robot, robot.yaml, model.yaml or URDF that was measured")
-    p.add_argument("--mapping", type=Path, metavar="YAML",
-                   help="role and unit of each column, for files that are no bags")  # fmt: skip
-    p.add_argument("--workers", type=int, default=2, help="processes (default 2)")
-    p.add_argument("--json", action="store_true", help="print check.json instead of tables")
-    p.add_argument("--fix", action="store_true", help="write the lines that mend the set-up: a "
-                   "mapping.yaml, and a model.yaml, beside the page; nothing else changes")  # fmt: skip
+    option(p, "--robot", str, "robot, robot.yaml, model.yaml or URDF that was measured")
+    option(p, "--mapping", Path, "role and unit of each column, for files that are no bags", "YAML")
+    option(p, "--workers", 2, "processes (default 2)")
+    option(p, "--json", False, "print check.json instead of tables")
+    option(p, "--fix", False, "write the lines that mend the set-up: a mapping.yaml, and a "
+           "model.yaml, beside the page; nothing else changes")  # fmt: skip
     add_out(p, "folder of the page (default results/check_BAG)")
 
 
 @command("gap mapping", "gap.drafts.terminal:show_draft", "draft a mapping: what the columns or "
          "topics of a recording probably are, and why")  # fmt: skip
 def draft(p: ArgumentParser) -> None:
-    """Options of `loco gap mapping`."""
-    p.description += """
+    """Options of `loco gap mapping`.
 
-Roles, joints and units are guessed from names and values; each line says why. Look at all of them:
-a guess is no measurement."""
+    Roles, joints and units are guessed from names and values; each line says why. Look at all of
+    them: a guess is no measurement.
+    """
     p.add_argument("file", metavar="FILE", help="CSV, JSON or other table, a folder of them, or a "
                    "bag")  # fmt: skip
-    p.add_argument("--robot", help="robot, robot.yaml or model.yaml, whose joints are looked for")
-    p.add_argument("--out", type=Path, metavar="YAML", help="file to write (default: print it)")
+    option(p, "--robot", str, "robot, robot.yaml or model.yaml, whose joints are looked for")
+    option(p, "--out", Path, "file to write (default: print it)", "YAML")
 
 
 @command("gap next", "gap.terminal:show_next",
@@ -111,8 +100,8 @@ a guess is no measurement."""
 def next_experiment(p: ArgumentParser) -> None:
     """Options of `loco gap next`."""
     p.add_argument("folder", type=Path, help="folder of results of `loco gap`")
-    p.add_argument("--rank", type=int, default=1, help="1 is the best, then the next (default 1)")
-    p.add_argument("--out", type=Path, help="YAML file (default DIR/next_EXPERIMENT.yaml)")
+    option(p, "--rank", 1, "1 is the best, then the next (default 1)")
+    option(p, "--out", Path, "YAML file (default DIR/next_EXPERIMENT.yaml)")
 
 
 @command("gap experiments", "gap.terminal:show_library",
@@ -126,51 +115,46 @@ def experiments(p: ArgumentParser) -> None:
 @command("export-model", "export_model.terminal:show_export",
          "write a model for MuJoCo, URDF readers, Isaac Lab, PACE or ros2_control")  # fmt: skip
 def export_model(p: ArgumentParser) -> None:
-    """Options of `loco export-model`."""
-    p.description += """
+    """Options of `loco export-model`.
 
-Armature, damping, friction, delays, gains, masses and contact, as far as the target knows them;
-what it does not is listed. From results of `loco gap` come ranges to randomise in, too, and the
-recordings that were held out are replayed in MuJoCo alone."""
+    Armature, damping, friction, delays, gains, masses and contact, as far as the target knows them;
+    what it does not is listed. From results of `loco gap` come ranges to randomise in, too, and the
+    recordings that were held out are replayed in MuJoCo alone.
+    """
     p.add_argument("model", type=Path, help="robot, model.yaml, or folder of results of loco gap")
     p.add_argument("--to", required=True, choices=("mjcf", "urdf", "isaac", "pace", "ros2_control"))
     p.add_argument("--replay", nargs="+", default=[], metavar="BAG",
                    help="mjcf: recordings to check it with (default: those held out)")  # fmt: skip
-    p.add_argument("--mapping", type=Path, metavar="YAML", help="mapping of the recordings")
+    option(p, "--mapping", Path, "mapping of the recordings", "YAML")
     p.add_argument("--gear", choices=("elastic", "rigid"),
                    help="mjcf: elastic, with a joint for each servo's rotor (default), or rigid, "
                    "with the robot's joints alone")  # fmt: skip
     add_out(p, "folder (default exports/ROBOT_TARGET)")
 
 
-@command("calibrate --live", "live.terminal:show_live",
+@command("calibrate --live", "live.terminal:show_calibration",
          "the same with a running model and a running robot")  # fmt: skip
 @command("calibrate", "calibrate.terminal:show_calibration",
          "fit a robot's body to a recorded bag (thesis chapter 5, resumable)")  # fmt: skip
 def calibrate(p: ArgumentParser) -> None:
-    """Options of `loco calibrate`."""
+    """Options of `loco calibrate`.
+
+    The bag holds joint_states and joint_command of a robot whose driven joints were
+    moved periodically. Writes model.yaml, calibration.json, tables, figures and a page.
+    """
     engine(p)
-    p.description += (
-        "\n\nThe bag holds joint_states and joint_command of a robot whose driven joints were\n"
-        "moved periodically. Writes model.yaml, calibration.json, tables, figures and a page."
-    )
     p.add_argument("bag", type=Path, nargs="?", help="bag folder or .mcap file")
-    p.add_argument("--robot", default="tigrillo", help="robot, robot.yaml or model.yaml")
+    option(p, "--robot", "tigrillo", "robot, robot.yaml or model.yaml")
     p.add_argument("--parameters", default="seven", choices=("seven", "ten", "legs"),
                    help="seven (eq. 5.1, default), ten (author's) or legs (HyQ)")  # fmt: skip
     p.add_argument("--loss", default="thesis", choices=("thesis", "author"),
                    help="thesis (eq. 5.4, default) or author (normalised)")  # fmt: skip
-    p.add_argument("--seeds", type=int, default=5, help="searches (default 5)")
-    p.add_argument("--seed", type=int, default=0, help="seed of the first search")
-    p.add_argument("--generations", type=int, help="most generations of a search")
+    option(p, "--seeds", 5, "searches (default 5)")
+    option(p, "--seed", 0, "seed of the first search")
+    option(p, "--generations", int, "most generations of a search")
     p.add_argument("--validate", type=Path, nargs="*", default=[], metavar="BAG",
                    help="recordings that are compared but not fitted")  # fmt: skip
-    p.add_argument("--out", type=Path, help="results folder (default results/calibration_BAG)")
-    p.add_argument("--workers", type=int, default=2, help="processes (default 2)")
-    p.add_argument("--scheduler", default="", help=SCHEDULER)
-    p.add_argument("--live", action="store_true",
-                   help="no bag: start a surrogate robot and a model, fit over topics")  # fmt: skip
-    p.add_argument("--measured", default="surrogate_sine", metavar="EXPERIMENT",
-                   help="--live: the robot that stands for the real one")  # fmt: skip
-    p.add_argument("--speed", type=float, default=1.0,
-                   help="--live: at most this x real time, 0 for no limit")  # fmt: skip
+    option(p, "--out", Path, "results folder (default results/calibration_BAG)")
+    option(p, "--workers", 2, "processes (default 2)")
+    option(p, "--scheduler", "", SCHEDULER)
+    live(p, "no bag: start a surrogate robot and a model, fit over topics")

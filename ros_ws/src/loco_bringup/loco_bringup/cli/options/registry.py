@@ -5,7 +5,8 @@ from __future__ import annotations
 
 from argparse import ArgumentParser
 from collections.abc import Callable
-from typing import NamedTuple
+from pathlib import Path
+from typing import Any, NamedTuple
 
 Options = Callable[[ArgumentParser], None]
 
@@ -15,7 +16,8 @@ class Command(NamedTuple):
 
     Attributes:
         text: One line of help.
-        options: Function that adds the options to a parser; None for a command whose arguments
+        options: Function that adds the options to a parser, and whose docstring goes on with what
+            the help says below `text`; None for a command whose arguments
             are passed on as a list of texts.
         run: Function that takes the parsed options and returns the exit code, as
             ``module:function``; see `cli.table.load`.
@@ -51,3 +53,28 @@ def group(title: str) -> Callable[[str, str, str], Callable[[Options | None], Op
         return register
 
     return command
+
+
+def option(p: ArgumentParser, flag: str, value: Any, text: str, metavar: str | None = None) -> None:
+    """Add an option.
+
+    Args:
+        p: Parser of the command.
+        flag: Name, such as ``--seed``.
+        value: Default, of the type of the option; the type, if the default is None; False for an
+            option without a value; `list` for one that may be repeated, `tuple` for one with
+            one or more values.
+        text: Line of help.
+        metavar: Name of the value in the help.
+    """
+    if value is False:
+        p.add_argument(flag, action="store_true", help=text)
+    elif value is list:
+        p.add_argument(flag, action="append", default=[], metavar=metavar, help=text)
+    elif value is tuple:
+        p.add_argument(flag, nargs="+", default=[], metavar=metavar, help=text)
+    elif isinstance(value, type):
+        p.add_argument(flag, type=value, metavar=metavar, help=text)
+    else:
+        kind = Path if isinstance(value, Path) else type(value)
+        p.add_argument(flag, type=kind, default=value, metavar=metavar, help=text)
