@@ -37,7 +37,7 @@ def examine(monkeypatch, pid, *ages):
     listener = Listener(pid, ages)
     monkeypatch.setattr(terminal, "Onlooker", listener)
     for check in ("check_environment", "check_messages", "check_shared_memory"):
-        monkeypatch.setattr(terminal, check, lambda *_: [])
+        monkeypatch.setattr(terminal.environment, check, lambda *_: [])
     found = terminal.examine(2.0)
     return [f.text for f in found if f.fault == "node silent"], listener.asked
 

@@ -16,24 +16,9 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import zstandard
+from mcap import records as mcap
 from mcap.data_stream import RecordBuilder
 from mcap.opcode import Opcode
-from mcap.records import (
-    Attachment,
-    AttachmentIndex,
-    Channel,
-    Chunk,
-    ChunkIndex,
-    DataEnd,
-    Footer,
-    Header,
-    McapRecord,
-    Metadata,
-    MetadataIndex,
-    Schema,
-    Statistics,
-    SummaryOffset,
-)
 
 from .mcap_scan import HEAD, MAGIC
 
@@ -66,18 +51,18 @@ class McapWriter:
         self._offset = 0
         self._chunk_size = chunk_size
         self._packer = zstandard.ZstdCompressor()
-        self._schemas: list[Schema] = []
-        self._channels: list[Channel] = []
+        self._schemas: list[mcap.Schema] = []
+        self._channels: list[mcap.Channel] = []
         self._chunks: list[bytes] = []  # `_CHUNK`, then `_COUNT` for each channel
-        self._tail: list[Callable[[], Attachment | Metadata]] = []
+        self._tail: list[Callable[[], mcap.Attachment | mcap.Metadata]] = []
         self.messages = 0
         self._clear()
-        self._put(MAGIC + _bytes(Header("ros2", library)))
+        self._put(MAGIC + _bytes(mcap.Header("ros2", library)))
 
     def schema(self, name: str, encoding: str, data: bytes) -> int:
         """Register a message type; returns its id."""
         self._schemas.append(
-            Schema(id=len(self._schemas) + 1, name=name, encoding=encoding, data=data)
+            mcap.Schema(id=len(self._schemas) + 1, name=name, encoding=encoding, data=data)
         )
         self._define(self._schemas[-1])
         return len(self._schemas)
@@ -85,11 +70,11 @@ class McapWriter:
     def channel(self, topic: str, encoding: str, schema: int, metadata: dict[str, str]) -> int:
         """Register a topic; returns its id."""
         number = len(self._channels) + 1
-        self._channels.append(Channel(number, topic, encoding, metadata, schema))
+        self._channels.append(mcap.Channel(number, topic, encoding, metadata, schema))
         self._define(self._channels[-1])
         return number
 
-    def _define(self, record: McapRecord) -> None:
+    def _define(self, record: mcap.McapRecord) -> None:
         """Write a definition to the file now, and again in the next chunk, which has a checksum."""
         data = _bytes(record)
         self._put(data)
@@ -114,11 +99,11 @@ class McapWriter:
 
     def attachment(self, time: int, name: str, media_type: str, data: bytes) -> None:
         """Add an attachment; it is written when the file is finished."""
-        self._tail.append(lambda: Attachment(time, time, name, media_type, data))
+        self._tail.append(lambda: mcap.Attachment(time, time, name, media_type, data))
 
     def metadata(self, name: str, values: Callable[[], dict[str, str]]) -> None:
         """Add a metadata record; `values` is called when the file is finished."""
-        self._tail.append(lambda: Metadata(metadata=values(), name=name))
+        self._tail.append(lambda: mcap.Metadata(metadata=values(), name=name))
 
     @property
     def size(self) -> int:
@@ -137,7 +122,7 @@ class McapWriter:
         count = self.pending
         self._clear()
         packed = self._packer.compress(records)
-        chunk = _bytes(Chunk("zstd", packed, last, first, zlib.crc32(records), len(records)))
+        chunk = _bytes(mcap.Chunk("zstd", packed, last, first, zlib.crc32(records), len(records)))
         offsets, tables, at = [], [], self._offset + len(chunk)
         for channel, entries in index.items():
             offsets.append(_COUNT.pack(channel, at, len(entries)))
@@ -233,25 +218,25 @@ class McapWriter:
             record = make()
             at, data = self._offset + len(out), _bytes(record)
             out += data
-            if isinstance(record, Metadata):
-                metadata.append(MetadataIndex(length=len(data), name=record.name, offset=at))
+            if isinstance(record, mcap.Metadata):
+                metadata.append(mcap.MetadataIndex(length=len(data), name=record.name, offset=at))
             else:
                 files.append(
-                    AttachmentIndex(
+                    mcap.AttachmentIndex(
                         at, len(data), record.log_time, record.create_time, len(record.data),
                         record.name, record.media_type,
                     )
                 )  # fmt: skip
-        out += _bytes(DataEnd(0))
+        out += _bytes(mcap.DataEnd(0))
         start = self._offset + len(out)
         chunks = [_chunk_index(row) for row in self._chunks]
         numbers = self._statistics(len(files), len(metadata))
         groups = [self._schemas, self._channels, [numbers], chunks, files, metadata]
         return bytes(out) + _summary([g for g in groups if g], start) + MAGIC
 
-    def _statistics(self, files: int, texts: int) -> Statistics:
+    def _statistics(self, files: int, texts: int) -> mcap.Statistics:
         first, last = self.span
-        return Statistics(
+        return mcap.Statistics(
             attachment_count=files, channel_count=len(self._channels),
             channel_message_counts=self.counts(), chunk_count=len(self._chunks),
             message_count=self.messages, metadata_count=texts,
@@ -259,17 +244,17 @@ class McapWriter:
         )  # fmt: skip
 
 
-def _summary(groups: list[list[McapRecord]], start: int) -> bytes:
+def _summary(groups: list[list[mcap.McapRecord]], start: int) -> bytes:
     """Summary section that begins at `start`, with its offsets and footer."""
     out, offsets = bytearray(), bytearray()
     for group in groups:
         data = b"".join(map(_bytes, group))
-        offsets += _bytes(SummaryOffset(Opcode(data[0]), start + len(out), len(data)))
+        offsets += _bytes(mcap.SummaryOffset(Opcode(data[0]), start + len(out), len(data)))
         out += data
     at = start + len(out)
     out += offsets
     head = struct.pack("<BQQQ", Opcode.FOOTER, 20, start, at)
-    return bytes(out) + _bytes(Footer(start, at, zlib.crc32(head, zlib.crc32(out))))
+    return bytes(out) + _bytes(mcap.Footer(start, at, zlib.crc32(head, zlib.crc32(out))))
 
 
 def _channels_in(row: bytes) -> Iterator[tuple[int, int, int]]:
@@ -277,9 +262,9 @@ def _channels_in(row: bytes) -> Iterator[tuple[int, int, int]]:
     return _COUNT.iter_unpack(row[_CHUNK.size :])
 
 
-def _chunk_index(row: bytes) -> ChunkIndex:
+def _chunk_index(row: bytes) -> mcap.ChunkIndex:
     start, length, index, packed, size, first, last = _CHUNK.unpack_from(row)
-    return ChunkIndex(
+    return mcap.ChunkIndex(
         chunk_length=length, chunk_start_offset=start, compression="zstd",
         compressed_size=packed, message_end_time=last, message_start_time=first,
         message_index_length=index, uncompressed_size=size,
@@ -287,7 +272,7 @@ def _chunk_index(row: bytes) -> ChunkIndex:
     )  # fmt: skip
 
 
-def _bytes(record: McapRecord) -> bytes:
+def _bytes(record: mcap.McapRecord) -> bytes:
     builder = RecordBuilder()
     record.write(builder)
     return builder.end()

@@ -290,7 +290,8 @@ class _Columns:
             return
         starts = records.starts[rows]
         if self._codec is None:
-            self._codec = self._layout(records.data[starts[0] : records.stops[rows[0]]])
+            first = records.data[starts[0] : records.stops[rows[0]]]
+            self._codec = Codec(self._bag.message(self._name, first), len(first))
             count = self._bag.topics[self._name].count
             self._data = np.empty((count, self._codec.dtype.itemsize), np.uint8)
         size = self._codec.dtype.itemsize
@@ -309,9 +310,6 @@ class _Columns:
             )
         gather(records.bytes, starts, self._data[self._filled : end])
         self._filled = end
-
-    def _layout(self, first: bytes) -> Codec:
-        return Codec(self._bag.message(self._name, first), len(first))
 
     def joined(self) -> np.ndarray:
         """Records, shape (n,)."""

@@ -115,7 +115,8 @@ class Salvager(Mcap):
         except BagError as error:
             head, count = chunk_head(self.data, piece), self._counts.get(piece.start)
             times = _believed(head.first, head.last)
-            self.found.lost.append(Lost(piece.start, piece.stop, _short(error), times, count))
+            reason = str(error).partition("is damaged: ")[2] or str(error)
+            self.found.lost.append(Lost(piece.start, piece.stop, reason, times, count))
         else:
             self.found.blocks.append(piece)
             if late := int((records.times < 0).sum()):
@@ -160,7 +161,3 @@ _OPCODE = {Channel: Opcode.CHANNEL, Schema: Opcode.SCHEMA}
 def _believed(first: int, last: int) -> tuple[int, int] | None:
     """Times of a damaged chunk [ns]; None if they are implausible."""
     return (first, last) if first <= last < first + int(1e15) else None
-
-
-def _short(error: BagError) -> str:
-    return str(error).partition("is damaged: ")[2] or str(error)

@@ -174,7 +174,7 @@ class BagWriter:
                 writer.close()
             path.unlink(missing_ok=True)
             raise
-        writer.metadata("rosbag2", self._serialized)
+        writer.metadata("rosbag2", lambda: {"serialized_metadata": _text(self._information())})
         writer.metadata(LIBRARY, lambda: self.custom)
         return writer
 
@@ -188,7 +188,8 @@ class BagWriter:
     ) -> None:
         """Append a serialised message with its simulated time [ns], the default publish time."""
         self.written += 1
-        if self._is_over(t):
+        full = 0 < self._max_size <= self._writer.size
+        if self._begun is not None and (full or 0 < self._max_time <= t - self._begun):
             self.split()
         if self.failed:
             return
@@ -200,13 +201,6 @@ class BagWriter:
             self._writer.message(self._channels[topic].id, t, data, sent, sequence)
         except OSError as error:
             self._fail(error)
-
-    def _is_over(self, t: int) -> bool:
-        """Whether a message with this time [ns] belongs in the next file."""
-        if self._begun is None:
-            return False
-        full = 0 < self._max_size <= self._writer.size
-        return full or 0 < self._max_time <= t - self._begun
 
     def split(self) -> None:
         """Close the file and begin the next one; does nothing if the file has no message yet.
@@ -297,9 +291,6 @@ class BagWriter:
     def _files(self) -> list[_Part]:
         """All files; the open one is last."""
         return [*self._parts, *([_part(self._path, self._writer)] if self._has_last else [])]
-
-    def _serialized(self) -> dict[str, str]:
-        return {"serialized_metadata": _text(self._information())}
 
     def _write_metadata(self) -> None:
         content = {"rosbag2_bagfile_information": self._information()}

@@ -3,12 +3,9 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 from markupsafe import Markup
 
-from loco_control.files import write_whole
 from loco_learning.calibration import figures, results
 from loco_learning.calibration.mawe import UNITS
 from loco_learning.calibration.results import Comparison, Result
@@ -23,11 +20,6 @@ SURROGATE = (
     "SURROGATE: these recordings come from a simulated stand-in with effects that the model lacks, "
     "not from a machine. Measurements of Tigrillo are not public."
 )
-
-
-def write_page(result: Result, model: Model, path: Path) -> Path:
-    """Write the page; after an error no incomplete file remains."""
-    return write_whole(path, page(result, model))
 
 
 def page(result: Result, model: Model) -> str:

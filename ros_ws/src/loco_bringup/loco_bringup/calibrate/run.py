@@ -28,7 +28,7 @@ from loco_sim.plant.model import Model
 
 from ..bag.reader import Bag
 from .bag import read_recording
-from .page import write_page
+from .page import page
 
 log = logging.getLogger(__name__)
 
@@ -107,7 +107,8 @@ def prepare(
 
 def calibrate(job: Job, on_progress: Tell | None = None) -> results.Result:
     """Search with every seed, compare the best model with all recordings, write the results."""
-    _claim(job)
+    settings = json.dumps({"format": FORMAT, **_fingerprint(job)}) + "\n"
+    write_whole(job.folder / SETTINGS, settings)
     fits = [search(job, seed, on_progress) for seed in job.seeds]
     best = min(fits, key=lambda fit: fit.error)
     reference = Reference(job.recording, models.load_any(job.robot), job.options)
@@ -156,7 +157,7 @@ def write(result: results.Result, model: Model, folder: Path) -> None:
     )  # fmt: skip
     write_whole(folder / "tables.md", text)
     model.save(folder / "model.yaml")
-    write_page(result, model, folder / "calibration.html")
+    write_whole(folder / "calibration.html", page(result, model))
     result.save(folder)
 
 
@@ -206,8 +207,3 @@ def _check_folder(job: Job) -> None:
             raise ParameterError(
                 f"{job.folder} holds a calibration with another {key}; choose another --out"
             )
-
-
-def _claim(job: Job) -> None:
-    text = json.dumps({"format": FORMAT, **_fingerprint(job)}) + "\n"
-    write_whole(job.folder / SETTINGS, text)

@@ -9,16 +9,29 @@ import time
 from pathlib import Path
 
 from loco_control.exceptions import ParameterError
+from loco_control.params import from_dict
 from loco_learning.calibration import results
 from loco_learning.calibration.mawe import UNITS
+from loco_learning.calibration.params import CalibrationParams
 from loco_learning.calibration.progress import Generation
 from loco_learning.calibration.results import Comparison, Result
 
 from ..terminal import bar, console
 from . import run as runner
-from .options import options
 
 HEAD = ("parameter", "unit", "default", "calibrated", "", "thesis")
+
+
+def options(a: argparse.Namespace) -> CalibrationParams:
+    """Settings from the parsed command line.
+
+    Raises:
+        LocoError: A value is out of range, or a name is unknown.
+    """
+    changes = {"parameters": a.parameters, "loss": a.loss, "seed": a.seed}
+    if a.generations is not None:
+        changes["generations"] = a.generations
+    return from_dict(CalibrationParams, changes, "calibrate")
 
 
 def show_calibration(a: argparse.Namespace) -> int:
@@ -46,15 +59,12 @@ def show_calibration(a: argparse.Namespace) -> int:
             start, first = began[seed]
             elapsed = time.perf_counter() - start
             rate = (g.evaluations - first) / elapsed if elapsed > 0.0 else math.nan
-            progress.update(tasks[seed], completed=g.index, state=_state(g, rate))
+            state = f"best {g.best:.4g}  step {g.sigma:.3f}  {rate:.1f}/s"
+            progress.update(tasks[seed], completed=g.index, state=state)
 
         result = runner.calibrate(job, tell)
     show(result, job.folder)
     return 0
-
-
-def _state(g: Generation, rate: float) -> str:
-    return f"best {g.best:.4g}  step {g.sigma:.3f}  {rate:.1f}/s"
 
 
 def show(result: Result, folder: Path) -> None:

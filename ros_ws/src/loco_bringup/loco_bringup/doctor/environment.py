@@ -35,40 +35,23 @@ class Finding:
 
 def check_environment(env: Mapping[str, str]) -> list[Finding]:
     """ROS environment variables that prevent communication."""
-    findings = []
-    domain = env.get("ROS_DOMAIN_ID", "0")
-    if not domain.isdigit() or int(domain) not in DOMAINS:
-        findings.append(
-            Finding("domain", f"ROS_DOMAIN_ID is {domain!r}", "set it to a number in 0 … 101")
-        )
+    domain, rmw = env.get("ROS_DOMAIN_ID", "0"), env.get("RMW_IMPLEMENTATION", "")
     scope = env.get("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
-    if scope not in RANGES:
-        findings.append(
-            Finding(
-                "discovery range",
-                f"ROS_AUTOMATIC_DISCOVERY_RANGE is {scope!r}: nodes do not find each other",
-                f"set it to one of {', '.join(RANGES)}",
-            )
-        )
-    rmw = env.get("RMW_IMPLEMENTATION", "")
-    if rmw and not _has_library(rmw):
-        findings.append(
-            Finding(
-                "middleware",
-                f"RMW_IMPLEMENTATION is {rmw!r}, which is not installed here",
-                "unset RMW_IMPLEMENTATION",
-            )
-        )
     distribution = env.get("ROS_DISTRO", "jazzy")
-    if distribution != "jazzy":
-        findings.append(
-            Finding(
-                "environment",
-                f"a ROS installation of {distribution} is sourced; ours is of jazzy",
-                "start loco from a shell without it, or by ./loco",
-            )
-        )
-    return findings
+    rows = (
+        (not domain.isdigit() or int(domain) not in DOMAINS, "domain",
+         f"ROS_DOMAIN_ID is {domain!r}", "set it to a number in 0 … 101"),
+        (scope not in RANGES, "discovery range",
+         f"ROS_AUTOMATIC_DISCOVERY_RANGE is {scope!r}: nodes do not find each other",
+         f"set it to one of {', '.join(RANGES)}"),
+        (rmw and not _has_library(rmw), "middleware",
+         f"RMW_IMPLEMENTATION is {rmw!r}, which is not installed here",
+         "unset RMW_IMPLEMENTATION"),
+        (distribution != "jazzy", "environment",
+         f"a ROS installation of {distribution} is sourced; ours is of jazzy",
+         "start loco from a shell without it, or by ./loco"),
+    )  # fmt: skip
+    return [Finding(*finding) for wrong, *finding in rows if wrong]
 
 
 def _has_library(rmw: str) -> bool:
@@ -99,7 +82,8 @@ def check_messages(
         old = [
             file.name
             for file in sorted((sources / package).glob("msg/*.msg"))
-            if not _same(file, prefix / "share" / package / "msg" / file.name)
+            if not (twin := prefix / "share" / package / "msg" / file.name).is_file()
+            or twin.read_bytes() != file.read_bytes()
         ]
         if old:
             text = f"{package} was built from other definitions of {', '.join(old)}"
@@ -113,10 +97,6 @@ def _importable(package: str, path: list[str] | None) -> bool:
     if path is None:
         return importlib.util.find_spec(package) is not None
     return any((Path(folder) / package / "__init__.py").is_file() for folder in path)
-
-
-def _same(source: Path, installed: Path) -> bool:
-    return installed.is_file() and installed.read_bytes() == source.read_bytes()
 
 
 def check_shared_memory(folder: Path = shm.SHM) -> list[Finding]:

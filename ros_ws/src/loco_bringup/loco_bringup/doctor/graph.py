@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Iterator
 
 from loco_control.exceptions import LocoError
 from loco_control.ros.messages.definitions import type_hash
@@ -26,7 +26,7 @@ def check_graph(view: View) -> list[Finding]:
         domain = os.environ.get("ROS_DOMAIN_ID", "0")
         text = f"nobody is on ROS domain {domain}"
         return [Finding("no graph", text, "start one with loco run, or see the domain above")]
-    checks: list[Callable[[View], list[Finding]]] = [
+    checks: list[Callable[[View], Iterable[Finding]]] = [
         check_types, check_qos, check_writers, check_endpoints, check_answers,
         check_ticks, check_plants, check_reports, check_events,
     ]  # fmt: skip
@@ -68,22 +68,20 @@ def _paced(table: dict[str, Topic]) -> list[Topic]:
 # ---- the checks
 
 
-def check_types(view: View) -> list[Finding]:
+def check_types(view: View) -> Iterator[Finding]:
     """Topics with several types, or with a definition of a loco message that differs."""
-    findings = []
     for name in sorted({e.topic for e in view.endpoints}):
         endpoints = [e for e in view.endpoints if e.topic == name]
         types = sorted({e.type for e in endpoints})
         if len(types) > 1:
             who = "; ".join(f"{k}: {_names(e for e in endpoints if e.type == k)}" for k in types)
             text = f"{name} has {len(types)} types, so its ends never meet: {who}"
-            findings.append(Finding("type", text, "use one type"))
+            yield Finding("type", text, "use one type")
             continue
         unknown = [e for e in endpoints if not _known(e)]
         if unknown:
             text = f"{_names(unknown)} has another definition of {types[0]} on {name} than we have"
-            findings.append(Finding("messages mismatched", text, "build the same messages there"))
-    return findings
+            yield Finding("messages mismatched", text, "build the same messages there")
 
 
 def _known(end: Endpoint) -> bool:
@@ -95,9 +93,8 @@ def _known(end: Endpoint) -> bool:
         return False
 
 
-def check_qos(view: View) -> list[Finding]:
+def check_qos(view: View) -> Iterator[Finding]:
     """Writers whose QoS is incompatible with that of a reader."""
-    findings = []
     for reader in (e for e in view.endpoints if not e.writes):
         for writer in view.of(reader.topic, True):
             if writer.type != reader.type:
@@ -109,13 +106,11 @@ def check_qos(view: View) -> list[Finding]:
                 mismatches.append("transient local, which it is not (volatile)")
             if mismatches:
                 text = f"{reader.topic}: {reader.node} wants {writer.node} to be {mismatches[0]}"
-                findings.append(Finding("QoS", text, "give the writer the QoS of docs/topics.md"))
-    return findings
+                yield Finding("QoS", text, "give the writer the QoS of docs/topics.md")
 
 
-def check_writers(view: View) -> list[Finding]:
+def check_writers(view: View) -> Iterator[Finding]:
     """Topics with several writers: two graphs in one domain and namespace."""
-    findings = []
     for space, table in tables(view).items():
         for row in _paced(table):
             writers = view.of(full(space, row.name), True)
@@ -123,11 +118,10 @@ def check_writers(view: View) -> list[Finding]:
                 who = ", ".join(f"{w.node} (pid {w.pid})" for w in writers)
                 text = f"{full(space, row.name)} has {len(writers)} writers: {who}"
                 remedy = "end one of them, or give it another ROS_DOMAIN_ID or namespace"
-                findings.append(Finding("domain clash", text, remedy))
-    return findings
+                yield Finding("domain clash", text, remedy)
 
 
-def check_endpoints(view: View) -> list[Finding]:
+def check_endpoints(view: View) -> Iterator[Finding]:
     """Missing writers and readers of the topic table."""
     missing: dict[str, list[str]] = {}
     for space, table in tables(view).items():
@@ -143,15 +137,13 @@ def check_endpoints(view: View) -> list[Finding]:
                 key = f"{who} {what}" if who in nodes else f"{who} is missing: nobody"
                 verb = "" if who in nodes else ("writes " if writes else "reads ")
                 missing.setdefault(key, []).append(verb + name)
-    return [
-        Finding("missing endpoint", f"{key} {', '.join(names)}", "start the node, see its log")
-        for key, names in missing.items()
-    ]
+    for key, names in missing.items():
+        text = f"{key} {', '.join(names)}"
+        yield Finding("missing endpoint", text, "start the node, see its log")
 
 
-def check_answers(view: View) -> list[Finding]:
+def check_answers(view: View) -> Iterator[Finding]:
     """Nodes without a recent diagnostic report."""
-    findings = []
     loco_nodes = {e.node for e in view.endpoints if e.topic == "/diagnostics" and e.writes}
     for node in sorted(loco_nodes | view.reports.keys() | view.processes.keys()):
         report = view.reports.get(node)
@@ -162,8 +154,7 @@ def check_answers(view: View) -> list[Finding]:
         since = f"for {report.age:.0f} s" if report else "at all"
         text = f"{node} (pid {pid or 'unknown'}) {state}; it has not spoken {since}"
         remedy = f"kill -CONT {pid}" if "SIGSTOP" in state else "see its log, start it again"
-        findings.append(Finding("node silent", text, remedy))
-    return findings
+        yield Finding("node silent", text, remedy)
 
 
 def _state(pid: int) -> str:
@@ -171,23 +162,21 @@ def _state(pid: int) -> str:
     return _STOPPED.get(letter, MUTE) if letter else "is gone (killed or crashed)"
 
 
-def check_ticks(view: View) -> list[Finding]:
+def check_ticks(view: View) -> Iterator[Finding]:
     """Plants that do not advance, and the nodes they wait for."""
-    findings = []
     for name, report in view.reports.items():
         if name.rpartition("/")[2] != "robot_sim" or report.age >= view.silent:
             continue
         waits = report.values.get("waiting for nodes")
         if waits:
             text = f"{name} has not begun: {waits} never said that it is ready"
-            findings.append(Finding("not ready", text, "see the logs of these nodes"))
+            yield Finding("not ready", text, "see the logs of these nodes")
         elif report.number("silence") >= 2.0:
             space = name.rpartition("/")[0]
             culprit = _blame(view, space, tables(view).get(space, {}), name, set())
             at = f"tick {report.values.get('tick', '?')}"
             text = f"{name} has waited {report.number('silence'):.0f} s at {at}: {culprit}"
-            findings.append(Finding("ticks", text, "see the log of the last node named"))
-    return findings
+            yield Finding("ticks", text, "see the log of the last node named")
 
 
 def _blame(view: View, space: str, table: dict[str, Topic], node: str, visited: set[str]) -> str:
@@ -210,48 +199,40 @@ def _blame(view: View, space: str, table: dict[str, Topic], node: str, visited: 
     return f"{', '.join(missing) or 'a command'} does not come, though its writer waits for nothing"
 
 
-def check_plants(view: View) -> list[Finding]:
+def check_plants(view: View) -> Iterator[Finding]:
     """Time-outs, latched emergency stops, and plants slower than their real-time clock."""
-    findings = []
     for name, report in view.reports.items():
         if name.rpartition("/")[2] != "robot_sim" or report.age >= view.silent:
             continue
         late, factor = report.number("late_share"), report.number("real_time_factor", 1.0)
         if report.values.get("estop"):
             text = f"{name} is in emergency stop: {report.values['estop']}"
-            findings.append(Finding("emergency stop", text, "loco estop --reset"))
+            yield Finding("emergency stop", text, "loco estop --reset")
         if late >= 0.05:
             text = f"{name} got no fresh command in {100 * late:.0f} % of its ticks"
             remedy = "find the slow node in loco top, or lower the load"
-            findings.append(Finding("time-out", text, remedy))
+            yield Finding("time-out", text, remedy)
         if report.values.get("clock") == "realtime" and factor < _SLOW_SHARE:
             text = f"{name} runs at {factor:.2f} x real time with the clock realtime"
-            findings.append(Finding("real-time factor", text, "lower the load of the machine"))
-    return findings
+            yield Finding("real-time factor", text, "lower the load of the machine")
 
 
-def check_reports(view: View) -> list[Finding]:
+def check_reports(view: View) -> Iterator[Finding]:
     """Warnings in the diagnostic reports of nodes."""
-    return [
-        Finding("warning", f"{name}: {report.message}", "see its log", grave=report.level > 1)
-        for name, report in view.reports.items()
-        if report.level and report.age < view.silent and report.message != "waiting for endpoints"
-    ]
+    for name, report in view.reports.items():
+        waits = report.message == "waiting for endpoints"
+        if report.level and report.age < view.silent and not waits:
+            text = f"{name}: {report.message}"
+            yield Finding("warning", text, "see its log", grave=report.level > 1)
 
 
-def check_events(view: View) -> list[Finding]:
+def check_events(view: View) -> Iterator[Finding]:
     """Errors, falls and refusals among the published events."""
-    event_names = {"error": "error", "fall": "fall", "model refused": "model refused"}
-    return [
-        Finding(
-            event_names[e.kind],
-            f"{'/'.join(filter(None, (e.namespace, e.node)))} at {e.time:.2f} s: {e.text}",
-            "start the run again",
-            grave=e.kind != "model refused",
-        )
-        for e in view.events
-        if e.kind in event_names
-    ]
+    for e in view.events:
+        if e.kind in ("error", "fall", "model refused"):
+            node = "/".join(filter(None, (e.namespace, e.node)))
+            text = f"{node} at {e.time:.2f} s: {e.text}"
+            yield Finding(e.kind, text, "start the run again", grave=e.kind != "model refused")
 
 
 def _names(endpoints: object) -> str:

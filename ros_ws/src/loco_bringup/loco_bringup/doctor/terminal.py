@@ -10,13 +10,8 @@ import sys
 
 from ..graph import shm
 from ..graph.view import Onlooker
-from .environment import (
-    Finding,
-    check_elsewhere,
-    check_environment,
-    check_messages,
-    check_shared_memory,
-)
+from . import environment
+from .environment import Finding
 from .graph import MUTE, check_graph
 
 PATIENCE = 10.0  # second listening time before a running node is called silent [s]
@@ -48,7 +43,7 @@ def show_doctor(a: argparse.Namespace) -> int:
 
 def examine(seconds: float) -> list[Finding]:
     """All findings; the graph is skipped if the environment prevents communication."""
-    findings = check_environment(os.environ) + check_messages()
+    findings = environment.check_environment(os.environ) + environment.check_messages()
     if findings:
         return findings
     with Onlooker() as observer:
@@ -57,5 +52,5 @@ def examine(seconds: float) -> list[Finding]:
         if any(MUTE in finding.text for finding in graph):  # the machine may just be busy
             view = observer.listen(PATIENCE, PATIENCE)
             graph = check_graph(view)
-    other_domains = check_elsewhere(os.environ) if not view.reports else []
-    return check_shared_memory() + other_domains + graph
+    other_domains = environment.check_elsewhere(os.environ) if not view.reports else []
+    return environment.check_shared_memory() + other_domains + graph

@@ -20,7 +20,7 @@ from loco_learning.gap.prediction.forward import Forward, true_starts
 from loco_learning.gap.recordings.record import Record
 from loco_sim.effects import from_list
 from loco_sim.export.mjcf import mjcf
-from loco_sim.export.portable import ELASTIC, FREE, IMPEDANCE, SERVO, Joint, Portable, portable
+from loco_sim.export.portable import ELASTIC, FREE, IMPEDANCE, SERVO, Portable, portable
 from loco_sim.plant.model import Model
 from loco_sim.robot.robot import Robot
 
@@ -137,14 +137,11 @@ def commands(made: Portable, told: running.Orders) -> np.ndarray:
             feedforward = joint.kd * dq + tau
             columns.append(q + feedforward / joint.kp if joint.kp else feedforward)
         elif joint.kind != FREE:
-            columns.append(_rounded(made, joint, q) if joint.kind == SERVO else tau)
+            step = made.robot.drives[joint.name].resolution if joint.kind == SERVO else 0.0
+            if step:  # position commands are rounded to the resolution of the servo [rad]
+                q = step * np.floor((q + joint.offset) / step + 0.5) - joint.offset
+            columns.append(q if joint.kind == SERVO else tau)
     return np.stack(columns, axis=1)
-
-
-def _rounded(made: Portable, joint: Joint, q: np.ndarray) -> np.ndarray:
-    """Position commands rounded to the resolution of the servo [rad], (T,)."""
-    step = made.robot.drives[joint.name].resolution
-    return step * np.floor((q + joint.offset) / step + 0.5) - joint.offset if step else q
 
 
 def _played(path: Path) -> dict[str, float]:

@@ -109,7 +109,9 @@ def export_model(
         for old in folder.glob("replay_*"):
             old.unlink()
         shutil.copyfile(SCRIPT, folder / "replay.py")
-        starts = {} if replay or result is None else _starts(result.with_name(gap.ARRAYS))
+        arrays = None if replay or result is None else result.with_name(gap.ARRAYS)
+        curves = load_curves(arrays).records if arrays and arrays.is_file() else ()
+        starts = {r.name: r.start for r in curves}  # corrections of initial states by a search
         compared, replay_notes = compare(source, records, folder, gear, starts)
         notes += replay_notes
     lost = dict.fromkeys(text for _, missing in documents.values() for text in missing)
@@ -162,11 +164,6 @@ def _records(
     except LocoError as error:
         return [], [f"not replayed: {error}"]
     return held, [] if held else ["not replayed: `loco gap` held no recording out whole"]
-
-
-def _starts(path: Path) -> dict[str, Any]:
-    """Correction of the initial state of each record by a search, by record name."""
-    return {r.name: r.start for r in load_curves(path).records} if path.is_file() else {}
 
 
 def _with_meshes(text: str, folder: Path) -> str:

@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -74,23 +73,13 @@ def write(experiment: Experiment, path: Path, comment: str = "") -> Path:
         MissingFileError: The file cannot be written.
     """
     values = {k: v for k, v in to_dict(experiment).items() if k in KEYS and v}
-    values["target"] = _target(to_dict(experiment.target))
-    body = yaml.safe_dump(
-        runner.plain(values),
-        sort_keys=False,
-        default_flow_style=None,
-        width=100,
-        allow_unicode=True,
-    )
+    target, default = to_dict(experiment.target), to_dict(CpgParams())
+    values["target"] = {k: v for k, v in target.items() if k in ALWAYS or v != default[k]}
+    style = {"sort_keys": False, "default_flow_style": None, "allow_unicode": True}
+    body = yaml.safe_dump(runner.plain(values), width=100, **style)
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_text(HEAD + (f"# {comment}\n" if comment else "") + body, encoding="utf-8")
     except OSError as error:
         raise MissingFileError(f"cannot write {path}: {error.strerror}") from None
     return path
-
-
-def _target(values: Mapping[str, Any]) -> dict[str, Any]:
-    """Values of a target to write: the usual keys, and those that differ from the default."""
-    default = to_dict(CpgParams())
-    return {k: v for k, v in values.items() if k in ALWAYS or v != default[k]}

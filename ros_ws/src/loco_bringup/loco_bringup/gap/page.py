@@ -10,7 +10,6 @@ from typing import Any
 from markupsafe import Markup
 
 from loco_control.exceptions import LocoError
-from loco_control.files import write_whole
 from loco_learning.gap.localisation import figures
 from loco_learning.gap.localisation.curves import Curves
 from loco_sim.robot.robot import load
@@ -20,11 +19,6 @@ from ..page.html import document, part
 from . import plots, tables, text
 
 GOOD = (*text.NAMED, "no gap")
-
-
-def write_page(result: Mapping[str, Any], curves: Curves, path: Path) -> Path:
-    """Write the page; after an error no incomplete file remains."""
-    return write_whole(path, page(result, curves))
 
 
 def page(result: Mapping[str, Any], curves: Curves) -> str:

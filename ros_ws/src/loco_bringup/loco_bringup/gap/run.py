@@ -234,10 +234,11 @@ def run(job: Job, folder: Path, tell: Tell | None = None) -> dict[str, Any]:
         result = plain(outcome)
         keep(result, latest[0])
         tell(1.0, "page", "")
-        if result["verdict"] == SETUP:
-            write_whole(folder / PAGE, setup_page(result))
-            return result
-        write_page(result, latest[0], folder)
+        from . import page  # needs plotting, which the node `calibrator` does not
+
+        ends_early = result["verdict"] == SETUP
+        text = page.setup_page(result) if ends_early else page.page(result, latest[0])
+        write_whole(folder / PAGE, text)
     return result
 
 
@@ -247,20 +248,6 @@ def write_result(job: Job, result: Mapping[str, Any], folder: Path) -> None:
     write_json(folder / RESULT, result)
     job.save(folder)
     beside(patched(result), folder).save(folder / MODEL)
-
-
-def write_page(result: Mapping[str, Any], curves: Curves, folder: Path) -> None:
-    """Write the page about a verdict and its curves."""
-    from . import page  # needs plotting, which the node `calibrator` does not
-
-    page.write_page(result, curves, folder / PAGE)
-
-
-def setup_page(result: Mapping[str, Any]) -> str:
-    """HTML text of the page for recordings whose set-up must be corrected first."""
-    from . import page
-
-    return page.setup_page(result)
 
 
 def beside(model: Model, folder: Path) -> Model:

@@ -12,7 +12,6 @@ import numpy as np
 from loco_control.exceptions import BagError, NameUnknownError
 from loco_control.ros.messages.convert import SHAPES
 from loco_control.ros.messages.joint_codec import ImuReader, JointCodec
-from loco_control.types import GroundTruth
 from loco_learning.reflex.schedule import CLOSING, TRAIN, Schedule
 from loco_learning.runs.experiment import Experiment, from_values
 from loco_learning.runs.log import Log, columns_of, empty
@@ -30,6 +29,12 @@ TOPIC_OF = {  # topics of a legged robot by part of the log, in the order within
 JOINT_TOPICS = ("joint_states", "joint_target", "joint_command")  # topics of a robot without legs
 TRUTH = "ground_truth/odom"
 _IMU, _PREDICTION = "imu/data", "joint_prediction"
+_TRUTH = {  # column: field of `TRUTH` and its components
+    "position": ("pose.pose.position", "xyz"),
+    "orientation": ("pose.pose.orientation", "xyzw"),
+    "velocity": ("twist.twist.linear", "xyz"),
+    "spin": ("twist.twist.angular", "xyz"),
+}
 
 
 def read_log(bag: Bag, namespace: str = "") -> Log:
@@ -56,15 +61,11 @@ def read_log(bag: Bag, namespace: str = "") -> Log:
 
 
 def _need(bag: Bag, names: Iterable[str]) -> None:
-    missing = [name for name in names if not _recorded(bag, name)]
+    recorded = {n.rsplit("/", 1)[-1] for n, topic in bag.topics.items() if topic.count}
+    missing = [name for name in names if name not in recorded]
     if missing:
         text = f"{bag.path} has no messages on {', '.join(missing)}; it is no run of loco"
         raise BagError(f"{text} (`loco gap check` reads what other programs recorded)")
-
-
-def _recorded(bag: Bag, name: str) -> bool:
-    matches = [t for t in bag.topics.values() if t.name.rsplit("/", 1)[-1] == name]
-    return bool(matches) and matches[0].count > 0
 
 
 def _walking(bag: Bag, experiment: Experiment) -> Log:
@@ -97,24 +98,17 @@ def _select(records: np.ndarray, ticks: set[int]) -> np.ndarray:
     return records[np.isin(records["tick"], list(ticks))]
 
 
-def truth_at(odometry: np.ndarray | None, t: np.ndarray) -> GroundTruth:
+def _truth_columns(odometry: np.ndarray | None, t: np.ndarray) -> dict[str, np.ndarray]:
     """Ground truth at the times of the states; NaN if the bag has none."""
-    n = len(t)
-    ground_truth = GroundTruth(np.arange(n), t, *(np.full((n, k), np.nan) for k in (3, 4, 3, 3)))
-    if odometry is None:
-        return ground_truth
-    times = seconds(odometry, "header.stamp")
-    row = np.searchsorted(times, t - 1e-6).clip(max=len(times) - 1)
-    fits = np.abs(times[row] - t) < 1e-6
-    for field, path, axes in (
-        ("position", "pose.pose.position", "xyz"),
-        ("orientation", "pose.pose.orientation", "xyzw"),
-        ("linear_velocity", "twist.twist.linear", "xyz"),
-        ("angular_velocity", "twist.twist.angular", "xyz"),
-    ):
-        columns = np.stack([odometry[f"{path}.{axis}"] for axis in axes], axis=1)
-        getattr(ground_truth, field)[fits] = columns[row[fits]]
-    return ground_truth
+    columns = {name: np.full((len(t), len(axes)), np.nan) for name, (_, axes) in _TRUTH.items()}
+    if odometry is not None:
+        times = seconds(odometry, "header.stamp")
+        row = np.searchsorted(times, t - 1e-6).clip(max=len(times) - 1)
+        fits = np.abs(times[row] - t) < 1e-6
+        for name, (path, axes) in _TRUTH.items():
+            values = np.stack([odometry[f"{path}.{axis}"] for axis in axes], axis=1)
+            columns[name][fits] = values[row[fits]]
+    return columns
 
 
 def fall_of(bag: Bag, topic: str = "events") -> str:
@@ -122,16 +116,6 @@ def fall_of(bag: Bag, topic: str = "events") -> str:
     if not any(name.rsplit("/", 1)[-1] == "events" for name in bag.topics):
         return bag.metadata.get("fall", "")
     return next((e.text for e in bag.messages(topic) if e.kind == "fall"), "")
-
-
-def _truth_columns(odometry: np.ndarray | None, t: np.ndarray) -> dict[str, np.ndarray]:
-    ground_truth = truth_at(odometry, t)
-    return {
-        "position": ground_truth.position,
-        "orientation": ground_truth.orientation,
-        "velocity": ground_truth.linear_velocity,
-        "spin": ground_truth.angular_velocity,
-    }
 
 
 # ---- standard messages, joined by their stamps ------------------------------------------

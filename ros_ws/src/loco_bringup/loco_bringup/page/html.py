@@ -228,7 +228,8 @@ def case_panel(details: Mapping[str, Mapping[str, str]]) -> Markup:
 
 def movie(gif: bytes, text: str) -> Markup:
     """An animation with its caption."""
-    return _block("movie", text, _address(gif, "gif"))
+    data = base64.b64encode(gif).decode()
+    return _block("movie", text, Markup(f"data:image/gif;base64,{data}"))
 
 
 def yaml_block(values: Any) -> Markup:
@@ -250,7 +251,3 @@ def matrix(head: Sequence[str], rows: Iterable[tuple[str, Sequence[tuple[str, st
             cell.
     """
     return _block("matrix", list(head), list(rows))
-
-
-def _address(data: bytes, kind: str) -> Markup:
-    return Markup(f"data:image/{kind};base64,{base64.b64encode(data).decode()}")

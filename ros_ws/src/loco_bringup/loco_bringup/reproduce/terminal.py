@@ -9,6 +9,7 @@ from pathlib import Path
 
 from loco_control.exceptions import ParameterError
 from loco_control.files import check_writable
+from loco_learning.calibration.params import CalibrationParams
 from loco_learning.networks import jobs as msd_jobs
 from loco_learning.thesis import chapter5, chapter7, chapter8, evidence, registry
 from loco_learning.thesis.evidence import Entry, Evidence
@@ -16,7 +17,6 @@ from loco_learning.thesis.registry import Claim, Verdict
 from loco_sim.msd.params import preset as known
 
 from ..calibrate import run as calibrator
-from ..calibrate.options import CalibrationParams
 from ..study.terminal import run_study, write
 from ..terminal import bar, console
 from . import page

@@ -74,9 +74,12 @@ def page(study: Study, results: list[CaseResult], drawn: Sequence[Drawn] = ()) -
     sections.append(html.part("Cases", lambda: _cases(study, results), long=True))
     cases = {case.name: case for case in study.cases()}
     details = {result.name: _details(result, cases[result.name], study) for result in results}
+    counts = [(str(row["variant"]), f"{row['survived']} of {row['trials']}", "survived")
+              for row in figures.summary(results)]  # fmt: skip
+    engines = " and ".join(sorted({e.sim["engine"] for e in study.variants.values()}))
     header = html.join(
-        [html.paragraph(study.description), html.cards(_counts(results)), html.case_panel(details),
-         html.paragraph(html.note(f"{len(results)} cases; engine {_engine(study)}."))]
+        [html.paragraph(study.description), html.cards(counts), html.case_panel(details),
+         html.paragraph(html.note(f"{len(results)} cases; engine {engines}."))]
     )  # fmt: skip
     return html.document(study.name, header, sections)
 
@@ -87,22 +90,14 @@ def _maps(study: Study, results: list[CaseResult]) -> list[Drawn]:
     for sheet in maps.sheets(study, results):
         for metric in study.map.metrics:
             title = f"{sheet.title}, {metric.replace('_', ' ')}"
-            blocks.append((title, _caption(study, metric), maps.heat_map(sheet, metric, study.map)))
+            low, high = study.map.legal.get(metric, (None, None))
+            legal = "of which none is given" if low is None else f"{low:g} to {high:g}"
+            chart = maps.heat_map(sheet, metric, study.map)
+            blocks.append((title, MAP.format(legal=legal), chart))
         if study.map.regions:
             chart = maps.region_map(sheet, study.map)
             blocks.append((f"{sheet.title}, regions", REGIONS, chart))
     return blocks
-
-
-def _caption(study: Study, metric: str) -> str:
-    low, high = study.map.legal.get(metric, (None, None))
-    return MAP.format(legal="of which none is given" if low is None else f"{low:g} to {high:g}")
-
-
-def _counts(results: list[CaseResult]) -> list[tuple[str, str, str]]:
-    """Cards with the number of trials of each variant that survived."""
-    return [(str(row["variant"]), f"{row['survived']} of {row['trials']}", "survived")
-            for row in figures.summary(results)]  # fmt: skip
 
 
 def _cases(study: Study, results: list[CaseResult]) -> Markup:
@@ -124,11 +119,6 @@ def _text(value: Any) -> str:
     if isinstance(value, (bool, np.bool_)):
         return "yes" if value else "no"
     return html.number(float(value)) if isinstance(value, (int, float)) else str(value)
-
-
-def _engine(study: Study) -> str:
-    named = {e.sim["engine"] for e in study.variants.values()}
-    return " and ".join(sorted(named))
 
 
 def _details(result: CaseResult, case: Case, study: Study) -> dict[str, str]:
