@@ -52,7 +52,7 @@ def show_calibration(a: argparse.Namespace) -> int:
     with bar("{task.completed}/{task.total} gen", "{task.fields[state]}") as progress:
         tasks, began = {}, {}
 
-        def tell(seed: int, g: Generation) -> None:
+        def show_progress(seed: int, g: Generation) -> None:
             if seed not in tasks:
                 tasks[seed] = progress.add_task(f"seed {seed}", total=max_generations, state="")
                 began[seed] = (time.perf_counter(), g.evaluations)
@@ -62,7 +62,7 @@ def show_calibration(a: argparse.Namespace) -> int:
             state = f"best {g.best:.4g}  step {g.sigma:.3f}  {rate:.1f}/s"
             progress.update(tasks[seed], completed=g.index, state=state)
 
-        result = runner.calibrate(job, tell)
+        result = runner.calibrate(job, show_progress)
     show(result, job.folder)
     return 0
 

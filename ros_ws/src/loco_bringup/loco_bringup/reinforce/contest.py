@@ -38,10 +38,10 @@ def run(a: argparse.Namespace) -> int:
     with bar("{task.completed}/{task.total} cases", "{task.fields[now]}") as progress:
         task = progress.add_task("contest", total=total, now="starting")
 
-        def tell(case: Case, done: int, count: int) -> None:
+        def show_progress(case: Case, done: int, count: int) -> None:
             progress.update(task, completed=done, now=f"{case.method}, seed {case.seed}")
 
-        cases = contest.run(params, folder, a.workers, tell)
+        cases = contest.run(params, folder, a.workers, show_progress)
     console.print(table("mean, smallest … largest of the seeds", HEAD, rows(cases)))
     for reason in sorted({f"{c.method}: {c.reason}" for c in cases if c.reason}):
         console.print(f"  without a controller, {reason}")

@@ -41,10 +41,10 @@ def run(a: argparse.Namespace) -> int:
     with bar("{task.completed}/{task.total} updates", "{task.fields[now]}") as progress:
         task = progress.add_task(experiment.name, total=updates, now="starting")
 
-        def tell(p: Progress) -> None:
+        def show_progress(p: Progress) -> None:
             progress.update(task, completed=p.update, now=line(p))
 
-        result = learn.learn(experiment, params, folder, a.workers, tell)
+        result = learn.learn(experiment, params, folder, a.workers, show_progress)
     paths = learn.write(experiment, params, folder, result.readout, a.test)
     trials = a.trials and tried(experiment, params.lead, folder, TrialParams(count=a.trials))
     if trials:

@@ -153,7 +153,7 @@ def _run_msd(plan: str, preset: str, folder: Path, workers: int, scheduler: str)
     with bar("{task.completed}/{task.total} runs", "{task.fields[last]}") as progress:
         task = progress.add_task(f"msd, {preset}", total=None, last="")
 
-        def tell(done: int, total: int, name: str) -> None:
+        def show_progress(done: int, total: int, name: str) -> None:
             progress.update(task, completed=done, total=total, last=name)
 
-        msd_jobs.run(plan, preset, folder / "runs", workers, scheduler, tell)
+        msd_jobs.run(plan, preset, folder / "runs", workers, scheduler, show_progress)

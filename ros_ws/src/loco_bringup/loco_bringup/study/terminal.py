@@ -75,7 +75,7 @@ def run_study(
     with bar("{task.completed}/{task.total} runs", "{task.fields[last]}") as progress:
         task = progress.add_task(loaded.name, total=total, last="")
 
-        def tell(done: int, _: int, result: Any) -> None:
+        def show_progress(done: int, _: int, result: Any) -> None:
             verdict = "survived" if result.verdict["survived"] else "failed"
             progress.update(task, completed=done, last=f"{result.name} {verdict}")
 
@@ -83,7 +83,7 @@ def run_study(
             progress.console.print(f"{loaded.name}: {cost}")
             return not only_cost
 
-        return study.run(loaded, folder, workers, tell, scheduler, on_cost)
+        return study.run(loaded, folder, workers, show_progress, scheduler, on_cost)
 
 
 def write(loaded: Study, results: list[CaseResult], folder: Path) -> list[Path]:
