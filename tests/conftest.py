@@ -7,6 +7,7 @@ import importlib
 import signal
 from pathlib import Path
 
+import coverage
 import pytest
 
 from loco_bringup.cli.clone import add_workshop
@@ -18,6 +19,7 @@ from loco_sim.world.world import MODULES
 from . import quadrupeds
 
 UNTRACED = Path(__file__).with_name("untraced.txt")
+WHOLLY = pytest.StashKey[bool]()  # without coverage, with its fixtures
 
 isolate()  # before anything reads the environment
 add_workshop()  # its packages are imported by tests and by the processes that they start
@@ -70,13 +72,40 @@ def untraced(request, monkeypatch):
 
 
 def pytest_collection_modifyitems(items):
-    """Trace no tests of `UNTRACED`; skip those that compare with PyBullet where there is none."""
-    without = {f"{UNTRACED.parent}/{line}" for line in UNTRACED.read_text().splitlines()}
+    """Trace nothing of `UNTRACED`; skip tests that compare with PyBullet where there is none."""
+    without = {UNTRACED.parent / line for line in UNTRACED.read_text().splitlines()}
     for item in items:
-        if f"{item.path}::{getattr(item, 'originalname', '')}" in without:
+        item.stash[WHOLLY] = not without.isdisjoint((item.path, *item.path.parents))
+        if Path(f"{item.path}::{getattr(item, 'originalname', '')}") in without:
             item.add_marker(pytest.mark.no_cover)
         if "pybullet" not in installed() and item.get_closest_marker("pybullet"):
             item.add_marker(pytest.mark.skip(reason="compares with PyBullet"))
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_sessionstart(session):
+    """End what a worker of pytest-xdist began with, as it would go on in each pause of coverage.
+
+    The environment starts a first coverage, the options of pytest a second one, and pytest-cov now
+    that of the tests; the latest is paused, and the one before it is resumed.
+    """
+    while hasattr(session.config, "workerinput") and (started := coverage.Coverage.current()):
+        started.stop()
+
+
+@pytest.hookimpl(wrapper=True, tryfirst=True)
+def pytest_runtest_protocol(item):
+    """Fixtures of a file without coverage are not traced either."""
+    controller = getattr(item.config.pluginmanager.getplugin("_cov"), "cov_controller", None)
+    if not (controller and item.stash[WHOLLY]):
+        return (yield)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.delenv("COVERAGE_PROCESS_CONFIG", raising=False)
+        controller.pause()
+        try:
+            return (yield)
+        finally:
+            controller.resume()
 
 
 @pytest.hookimpl(wrapper=True)
