@@ -70,11 +70,11 @@ def test_repeats_of_one_run_differ_in_nothing(robot, repeats, first):
         assert differing(first(robot), run(robot, seed)) == {}
 
 
-def test_every_metric_has_a_size_that_matters_with_its_source():
-    assert set(d.SIZES) == set(METRICS)
-    for name, size in d.SIZES.items():
-        assert size.source and size.least > 0.0 and size.share >= 0.0, name
-    assert math.isinf(d.SIZES["step_time"].of(1.0))  # that of the machine
+def test_every_metric_has_a_change_that_matters():
+    for metric in METRICS.values():
+        assert metric.least > 0.0 and metric.share > 0.0, metric.name
+    assert METRICS["speed"].notable(0.01) == 0.005 and METRICS["speed"].notable(1.0) == 0.05
+    assert math.isinf(METRICS["step_time"].notable(1.0))  # that of the machine
 
 
 def noise(rng, count):

@@ -28,67 +28,6 @@ LASTING, PASSING = "lasting", "passing"
 
 
 @dataclass(frozen=True)
-class Size:
-    """Smallest change of a metric that matters, the larger of two.
-
-    Attributes:
-        least: Change in the unit of the metric.
-        share: Change over the value of the first run.
-        source: Reason for both.
-    """
-
-    least: float
-    share: float
-    source: str
-
-    def of(self, value: float) -> float:
-        """Smallest change that matters at a value of the first run."""
-        return max(self.least, self.share * abs(value))
-
-
-TASTE = "taste: what a reader of a table would call a change"
-STEP = "resolution of a servo's encoder, 4096 steps a turn"
-WALL = "of the machine, not of the robot: never judged"
-# Units are those of `METRICS`.
-SIZES: dict[str, Size] = {
-    "distance": Size(0.005, 0.05, TASTE),
-    "speed": Size(0.005, 0.05, TASTE),
-    "forward_speed": Size(0.005, 0.05, TASTE),
-    "speed_ratio": Size(0.02, 0.05, TASTE),
-    "lateral_drift": Size(0.005, 0.05, TASTE),
-    "heading_drift": Size(0.01, 0.05, TASTE),
-    "stability": Size(0.001, 0.1, TASTE),
-    "roll_range": Size(0.005, 0.1, TASTE),
-    "pitch_range": Size(0.005, 0.1, TASTE),
-    "power": Size(0.01, 0.05, TASTE),
-    "positive_power": Size(0.01, 0.05, TASTE),
-    "cost_of_transport": Size(0.01, 0.05, TASTE),
-    "saturated_score": Size(1e-4, 0.05, TASTE),
-    "torque_max": Size(0.005, 0.05, TASTE),
-    "grf_max": Size(0.1, 0.05, TASTE),
-    "grf_snr": Size(0.02, 0.05, TASTE),
-    "duty_factor": Size(0.02, 0.05, TASTE),
-    "step_length": Size(0.002, 0.05, TASTE),
-    "step_height": Size(0.002, 0.05, TASTE),
-    "stride_frequency": Size(0.02, 0.05, TASTE),
-    "passive_range": Size(0.005, 0.05, TASTE),
-    "tracking_error": Size(2.0 * math.pi / 4096, 0.1, STEP),
-    "mse": Size(1e-5, 0.2, TASTE),
-    "mae": Size(2.0 * math.pi / 4096, 0.1, STEP),
-    "nrmse": Size(0.005, 0.1, TASTE),
-    "nrmse_author": Size(0.005, 0.1, TASTE),
-    "shape_error": Size(0.005, 0.1, TASTE),
-    "accuracy": Size(0.1, 0.1, TASTE),
-    "fmse": Size(1e-6, 0.2, TASTE),
-    "mawe": Size(2.0 * math.pi / 4096, 0.1, STEP),
-    "step_time": Size(math.inf, 0.0, WALL),
-    "prediction_frequency": Size(0.02, 0.05, TASTE),
-    "phase_lag": Size(0.02, 0.05, TASTE),
-    "limit_cycle_size": Size(0.02, 0.05, TASTE),
-}
-
-
-@dataclass(frozen=True)
 class Difference:
     """One metric of a phase, compared between the first and another run.
 
@@ -192,7 +131,7 @@ def _difference(
     here: Window, name: str, one: np.ndarray, two: np.ndarray, chance: float
 ) -> Difference:
     """Difference of one metric from its blocks, with a given error probability."""
-    size, at, largest, kind = SIZES[name].of(float(np.nanmean(one))), math.nan, math.nan, ""
+    size, at, largest, kind = METRICS[name].notable(float(np.nanmean(one))), math.nan, math.nan, ""
     low = high = math.nan
     if here.paired:
         valid = np.isfinite(one) & np.isfinite(two)

@@ -32,78 +32,46 @@ from .reservoir import LOOPS, LoopParams, nrmse, run_loop
 log = logging.getLogger(__name__)
 
 
+def _levels(count: int) -> tuple[float, ...]:
+    return tuple(float(v) for v in np.logspace(-6.0, 0.0, count))
+
+
 @dataclass(frozen=True)
 class Plan:
-    """Numbers of jobs and their budgets."""
+    """Numbers of jobs and their budgets; by default those of the plan ``quick``."""
 
-    nodes: tuple[int, ...]
-    repetitions: int
-    budget: tuple[int, int]  # number of evaluations: per node, and constant
-    omega_nodes: tuple[int, ...]
-    frequencies: tuple[float, ...]  # [Hz]
-    omega_repetitions: int
-    omega_evaluations: int
-    powers: tuple[float, ...]  # [W]
-    power_frequencies: tuple[float, ...]  # [Hz]
-    power_repetitions: int
-    power_evaluations: int
-    loop_repetitions: int
-    noises: tuple[float, ...]
-    regularisations: tuple[float, ...]
+    nodes: tuple[int, ...] = (3, 4, 5, 6, 8, 10, 12, 15, 20, 26)
+    repetitions: int = 3
+    budget: tuple[int, int] = (250, 1500)  # number of evaluations: per node, and constant
+    omega_nodes: tuple[int, ...] = (5, 10, 15, 20)
+    frequencies: tuple[float, ...] = tuple(float(f) for f in np.logspace(-0.7, 1.0, 10))  # [Hz]
+    omega_repetitions: int = 2
+    omega_evaluations: int = 2000
+    powers: tuple[float, ...] = (500.0, 2.5e3, 7.5e3, 1.5e4, 2e4)  # [W]
+    power_frequencies: tuple[float, ...] = (1.0, 2.0, 3.0, 4.0)  # [Hz]
+    power_repetitions: int = 1
+    power_evaluations: int = 4000
+    loop_repetitions: int = 3
+    noises: tuple[float, ...] = _levels(25)
+    regularisations: tuple[float, ...] = (1e-6, 1e-4, 1e-2, 1.0, 100.0, 1e4)
 
-
-_FREQUENCIES = tuple(float(f) for f in np.logspace(-0.7, 1.0, 10))
-_ALL_POWERS = (100.0, 500.0, 1e3, 2.5e3, 5e3, 7.5e3, 1e4, 1.25e4, 1.5e4, 1.75e4, 2e4)
-_ALPHAS = (1e-6, 1e-4, 1e-2, 1.0, 100.0, 1e4)
 
 PLANS = {
-    "quick": Plan(
-        nodes=(3, 4, 5, 6, 8, 10, 12, 15, 20, 26),
-        repetitions=3,
-        budget=(250, 1500),
-        omega_nodes=(5, 10, 15, 20),
-        frequencies=_FREQUENCIES,
-        omega_repetitions=2,
-        omega_evaluations=2000,
-        powers=(500.0, 2.5e3, 7.5e3, 1.5e4, 2e4),
-        power_frequencies=(1.0, 2.0, 3.0, 4.0),
-        power_repetitions=1,
-        power_evaluations=4000,
-        loop_repetitions=3,
-        noises=tuple(float(v) for v in np.logspace(-6.0, 0.0, 25)),
-        regularisations=_ALPHAS,
-    ),
+    "quick": Plan(),
     "medium": Plan(  # the grid of quick with the budgets of full
-        nodes=(3, 4, 5, 6, 8, 10, 12, 15, 20, 26),
-        repetitions=3,
-        budget=(1100, 3000),
-        omega_nodes=(5, 10, 15, 20),
-        frequencies=_FREQUENCIES,
-        omega_repetitions=2,
-        omega_evaluations=8000,
-        powers=(500.0, 2.5e3, 7.5e3, 1.5e4, 2e4),
-        power_frequencies=(1.0, 2.0, 3.0, 4.0),
-        power_repetitions=1,
-        power_evaluations=15000,
-        loop_repetitions=3,
-        noises=tuple(float(v) for v in np.logspace(-6.0, 0.0, 49)),
-        regularisations=_ALPHAS,
+        budget=(1100, 3000), omega_evaluations=8000, power_evaluations=15000, noises=_levels(49)
     ),
     "full": Plan(
         nodes=tuple(range(3, 27)),
         repetitions=5,
         budget=(1100, 3000),
-        omega_nodes=(5, 10, 15, 20),
-        frequencies=_FREQUENCIES,
         omega_repetitions=5,
         omega_evaluations=10000,
-        powers=_ALL_POWERS,
-        power_frequencies=(1.0, 2.0, 3.0, 4.0),
+        powers=(100.0, 500.0, 1e3, 2.5e3, 5e3, 7.5e3, 1e4, 1.25e4, 1.5e4, 1.75e4, 2e4),
         power_repetitions=5,
         power_evaluations=15000,
         loop_repetitions=5,
-        noises=tuple(float(v) for v in np.logspace(-6.0, 0.0, 75)),
-        regularisations=_ALPHAS,
+        noises=_levels(75),
     ),
 }
 
