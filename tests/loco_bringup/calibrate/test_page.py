@@ -5,9 +5,13 @@ import numpy as np
 import pytest
 
 from loco_bringup.calibrate import page
+from loco_learning.calibration import figures
+from loco_learning.drawing.chart import DASHED
 from loco_sim.plant.model import Model
 
 from ...loco_learning.calibration.made import made_result
+
+MODELS = ("default", "calibrated")
 
 
 @pytest.fixture(scope="module")
@@ -16,28 +20,28 @@ def result():
 
 
 def test_each_search_goes_down_from_the_default_body_as_far_as_it_came(result):
-    (panel,) = page.convergence(result).panels
-    *searches, default = panel.lines
-    assert panel.logarithmic and default.dashed
-    assert [line.name for line in searches] == ["seed 0", "seed 1", "seed 2"]
-    for line, fit in zip(searches, result.fits, strict=True):
-        known = line.values[np.isfinite(line.values)]
-        assert len(known) == len(fit.history) + 1
-        assert known[0] == default.values[0] == fit.before
-        assert (np.diff(known) <= 0.0).all() and known[-1] == fit.history[-1].best
+    (frame,) = figures.convergence(result).frames
+    *searches, default = frame.layers
+    assert frame.y.logarithmic and default.shape == DASHED
+    assert [layer.name for layer in searches[::2]] == ["seed 0", "seed 1", "seed 2"]
+    for course, plateau, fit in zip(searches[::2], searches[1::2], result.fits, strict=True):
+        assert len(course.y) == len(fit.history) + 1
+        assert course.y[0] == default.y[0] == fit.before
+        assert (np.diff(course.y) <= 0.0).all() and course.y[-1] == fit.history[-1].best
+        assert plateau.x == fit.plateau and plateau.y == course.y[fit.plateau]
 
 
-def test_a_period_has_a_panel_for_each_joint_and_its_spread_around_each_line(result):
+def test_a_period_has_a_frame_for_each_joint_and_its_spread_around_each_line(result):
     row = result.comparisons[1]
-    plot = page.periods(row, result)
-    assert len(plot.panels) == len(result.joints)
-    assert plot.x[0] == 0.0 and plot.x[-1] < row.period
-    for j, panel in enumerate(plot.panels):
-        robot = [line for line in panel.lines if line.name == "surrogate robot"]
-        low, high, mean = (line.values for line in robot)
+    chart = figures.periods(row, result)
+    assert len(chart.frames) == len(result.joints)
+    for j, frame in enumerate(chart.frames):
+        robot = [layer for layer in frame.layers if layer.name == "surrogate robot"]
+        low, high, mean = (layer.y for layer in robot)
+        assert robot[0].x[0] == 0.0 and robot[0].x[-1] < row.period
         np.testing.assert_allclose(np.radians(mean), row.curves["robot"][:, j])
         np.testing.assert_allclose(np.radians(high - low), 2.0 * row.curves["robot_spread"][:, j])
-        assert {line.name for line in panel.lines} == {"surrogate robot", "default", "calibrated"}
+        assert {layer.name for layer in frame.layers} == {"surrogate robot", *MODELS}
 
 
 def test_the_page_has_an_interactive_plot_for_each_recording_and_for_the_searches(result):

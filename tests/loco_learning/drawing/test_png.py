@@ -2,6 +2,7 @@
 """A PNG shows every layer, and the same chart gives the same bytes."""
 
 import numpy as np
+import pytest
 from PIL import Image
 
 from loco_learning.drawing import heat, png
@@ -45,3 +46,12 @@ def test_the_legend_shows_the_mark_that_lies_on_top(tmp_path):
     seen = np.asarray(Image.open(png.write(chart, tmp_path / "a.png")).convert("RGB"))
     legend = seen[:, int(0.75 * seen.shape[1]) :].reshape(-1, 3)
     assert [near(legend, color).any() for color in (pale, full, empty)] == [False, True, False]
+
+
+@pytest.mark.parametrize(("count", "columns"), [(5, 0), (3, 4)])
+def test_a_place_without_a_frame_stays_white(tmp_path, count, columns):
+    frame = Frame(Axis("x"), Axis("y"), [line("", [0.0, 1.0], [0.0, 1.0], "#000000")])
+    path = png.write(Chart([frame] * count, columns), tmp_path / "a.png")
+    seen = np.asarray(Image.open(path).convert("L"))
+    height, width = (size // parts for size, parts in zip(seen.shape, (3, 5), strict=True))
+    assert (seen[-height:, -width:] == 255).all()

@@ -11,6 +11,7 @@ import pytest
 
 from loco_control.exceptions import MissingFileError, NameUnknownError, ParameterError
 from loco_control.gait.oscillators import Cpg
+from loco_learning.drawing import png
 from loco_learning.gaits import figures as gait_figures
 from loco_learning.gaits import search as gait_search
 from loco_learning.gaits.search import GAITS, GaitProblem, GaitSearchParams, draw_bodies, judge
@@ -165,8 +166,10 @@ def test_another_body_is_another_search(found):
 
 def test_pictures_are_drawn(found, tmp_path):
     folder, gait, _ = found
-    figure = gait_figures.convergence([folder, folder], "two seeds")
-    figure.savefig(tmp_path / "convergence.png")
+    chart = gait_figures.convergence([folder, folder], "two seeds")
+    best, walking, *_ = chart.frames[0].layers
+    assert (np.diff(best.y) >= 0.0).all() and (walking.y <= best.y).all()
+    png.write(chart, tmp_path / "convergence.png")
     assert (tmp_path / "convergence.png").stat().st_size > 5000
     gait_figures.animate(gait, tmp_path / "gait.gif", seconds=0.2)
     assert (tmp_path / "gait.gif").read_bytes()[:3] == b"GIF"

@@ -1,105 +1,77 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Figures of a calibration: convergence (figure 5.2b), average periods (figure 5.4)."""
+"""Charts of a calibration: convergence (figure 5.2b), average periods (figure 5.4)."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import TYPE_CHECKING
+from collections.abc import Callable, Sequence
+from dataclasses import replace
 
 import numpy as np
 
-from ..drawing.chart import GREY, Axis, Chart, Frame, dots, line
+from ..drawing.chart import DASHED, GREY, PALETTE, Axis, Chart, Frame, dots, line, short
 from .mawe import UNITS
 from .parameters import parameter_set
 from .results import Comparison, Result, spectrum
 
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
 # Colours as in figure 5.4, in shades that are safe for colour-blind readers.
-ROBOT = {"color": "#0072b2", "lw": 2.6, "solid_capstyle": "butt"}
-DEFAULT = {"color": "#2a9d6f", "lw": 1.2, "ls": (0, (5, 2))}
-CALIBRATED = {"color": "#d55e00", "lw": 1.4}
-LINES = {"robot": ROBOT, "default": DEFAULT, "calibrated": CALIBRATED}
-WIDTH = 7.4  # [in]
+ROBOT, DEFAULT, CALIBRATED = "#0072b2", "#2a9d6f", "#d55e00"
+COLOURS = {"robot": ROBOT, "default": DEFAULT, "calibrated": CALIBRATED}
 HARMONICS = 12  # harmonics shown; a sine of the hips has only one
 
-FIGURES: dict[str, Callable[[Result], Figure]] = {}
 
-
-def figure(function: Callable[[Result], Figure]) -> Callable[[Result], Figure]:
-    """Register a figure under the name of its function."""
-    FIGURES[function.__name__] = function
-    return function
-
-
-def _canvas(rows: int, columns: int, height: float, **kwargs: object) -> tuple[Figure, np.ndarray]:
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(WIDTH, height), layout="constrained", dpi=120)
-    FigureCanvasAgg(figure)
-    axes = figure.subplots(rows, columns, squeeze=False, **kwargs)
-    for ax in axes.flat:
-        ax.spines[["top", "right"]].set_visible(False)
-    return figure, axes
-
-
-@figure
-def convergence(result: Result) -> Figure:
+def convergence(result: Result) -> Chart:
     """Smallest error so far over the generations, one line per seed, as figure 5.2b."""
-    fig, ((ax,),) = _canvas(1, 1, 3.0)
-    for fit in result.fits:
-        count = [0, *(g.index for g in fit.history)]
-        best = fit.curve
-        ax.step(count, best, where="post", lw=1.1, label=f"seed {fit.seed}")
-        at = fit.plateau
-        ax.plot(count[at], best[at], "o", ms=4, color=ax.lines[-1].get_color())
-    before = result.fits[0].before
-    ax.axhline(before, color=DEFAULT["color"], lw=0.9, ls=DEFAULT["ls"])
-    ax.annotate("default body", (1.0, before), (0, 3), xycoords=("axes fraction", "data"),
-                textcoords="offset points", ha="right", color=DEFAULT["color"])  # fmt: skip
-    ax.set(xlabel="generation", ylabel=f"windowed error ({result.loss}) [{UNITS[result.loss]}]")
-    ax.set(yscale="log", ylim=(0.8 * min(fit.error for fit in result.fits), 1.4 * before))
-    fig.legend(loc="outside upper left", ncols=len(result.fits) + 1,
-               title="dots: 95 % of the way down")  # fmt: skip
-    return fig
+    layers, last = [], max(len(fit.history) for fit in result.fits)
+    for number, fit in enumerate(result.fits):
+        name, colour = f"seed {fit.seed}", PALETTE[number % len(PALETTE)]
+        layers.append(line(name, range(len(fit.curve)), fit.curve, colour, size=1.6))
+        layers.append(dots(name, [fit.plateau], [fit.curve[fit.plateau]], colour))
+    before = [result.fits[0].before] * 2
+    layers.append(line("default body", [0, last], before, DEFAULT, shape=DASHED))
+    y = Axis(f"windowed error ({result.loss}) [{UNITS[result.loss]}]", logarithmic=True)
+    return Chart([Frame(Axis("generation"), y, layers, "dots: 95 % of the way down")])
 
 
-@figure
-def periods(result: Result) -> Figure:
-    """Average period of every passive joint for every recording, as figure 5.4."""
-    rows, joints = result.comparisons, result.joints
-    fig, axes = _canvas(len(rows), len(joints), 0.6 + 1.75 * len(rows), sharey="row", sharex="row")
-    for columns, row in zip(axes, rows, strict=True):
-        for j, (ax, joint) in enumerate(zip(columns, joints, strict=True)):
-            _draw(ax, row, j)
-            if row is rows[0]:
-                ax.set_title(joint.removesuffix("_joint").replace("_", " "))
-        columns[0].set_ylabel(f"{_short(row.name)}\nknee angle [deg]")
-    for ax in axes[-1]:
-        ax.set_xlabel("time in the period [s]")
-    handles, labels = axes[0, 0].get_legend_handles_labels()
-    what = "surrogate robot" if result.surrogate else "robot"
-    labels = [what if text == "robot" else f"{text} model" for text in labels]
-    fig.legend(handles, labels, loc="outside upper left", ncols=3)
-    return fig
+Period = tuple[str, str, np.ndarray, np.ndarray]  # name, colour, mean and deviation, (N, J) [rad]
 
 
-def _short(name: str) -> str:
-    return name.removeprefix("surrogate_").replace("_", " ")
+def period_frames(joints: Sequence[str], length: float, periods: Sequence[Period]) -> list[Frame]:
+    """Average periods of some robots, a frame for each joint; dashed, one deviation around.
+
+    Args:
+        joints: Names of the joints, columns of the periods.
+        length: Length of a period [s].
+        periods: Name, colour, mean and standard deviation of each robot; the first is measured.
+    """
+    frames = []
+    for j, joint in enumerate(joints):
+        layers = []
+        for name, colour, mean, deviation in periods:
+            t, size = np.arange(len(mean)) / len(mean) * length, 1.6 if layers else 2.4
+            for by in (-1.0, 1.0):
+                bound = np.degrees(mean[:, j] + by * deviation[:, j])
+                layers.append(line(name, t, bound, colour, size=0.8, shape=DASHED))
+            layers.append(line(name, t, np.degrees(mean[:, j]), colour, size=size))
+        axes = Axis("time in the period [s]"), Axis("joint angle [deg]")
+        frames.append(Frame(*axes, layers, short(joint), height=200))
+    return frames
 
 
-def _draw(ax, row: Comparison, j: int) -> None:
-    count = len(row.curves["robot"])
-    t = np.arange(count) / count * row.period
-    for name, style in LINES.items():
-        mean = np.degrees(row.curves[name][:, j])
-        deviation = np.degrees(row.curves[f"{name}_spread"][:, j])
-        ax.fill_between(
-            t, mean - deviation, mean + deviation, color=style["color"], alpha=0.18, lw=0
-        )
-        ax.plot(t, mean, label=name, **style)
+def periods(row: Comparison, result: Result) -> Chart:
+    """Average period of every passive joint in one recording, as figure 5.4."""
+    names = {"robot": "surrogate robot"} if result.surrogate else {}
+    curves = [(names.get(name, name), colour, row.curves[name], row.curves[f"{name}_spread"])
+              for name, colour in COLOURS.items()]  # fmt: skip
+    return Chart(period_frames(result.joints, row.period, curves))
+
+
+def all_periods(result: Result) -> Chart:
+    """The same for all recordings, a row for each."""
+    frames = []
+    for row in result.comparisons:
+        name = row.name.removeprefix("surrogate_").replace("_", " ")
+        frames += [replace(f, title=f"{name}, {f.title}") for f in periods(row, result).frames]
+    return Chart(frames, columns=len(result.joints))
 
 
 def spectra(row: Comparison, result: Result) -> Chart:
@@ -109,13 +81,11 @@ def spectra(row: Comparison, result: Result) -> Chart:
     for j, joint in enumerate(result.joints):
         layers = [
             line(name, count / row.period, np.degrees(spectrum(row.curves[name])[count, j]),
-                 str(style["color"]), size=2.4 if name == "robot" else 1.4)
-            for name, style in LINES.items()
+                 colour, size=2.4 if name == "robot" else 1.4)
+            for name, colour in COLOURS.items()
         ]  # fmt: skip
         axes = Axis("frequency [Hz]"), Axis("amplitude [deg]", logarithmic=True)
-        frames.append(
-            Frame(*axes, layers, joint.removesuffix("_joint").replace("_", " "), height=200)
-        )
+        frames.append(Frame(*axes, layers, short(joint), height=200))
     return Chart(frames)
 
 
@@ -130,10 +100,10 @@ def bodies(result: Result) -> Chart:
         pairs = zip(parameters.parameters, fit.values.values(), strict=True)
         values = [f"seed {fit.seed}: {p.text} {value:.4g} {p.unit}" for p, value in pairs]
         at = parameters.to_unit(fit.values)[::-1]
-        layers.append(dots("calibrated, each seed", at, rows, str(CALIBRATED["color"]),
+        layers.append(dots("calibrated, each seed", at, rows, CALIBRATED,
                            texts=values[::-1]))  # fmt: skip
     default = parameters.to_unit(parameters.default)[::-1]
-    layers.append(dots("default", default, rows, str(DEFAULT["color"])))
+    layers.append(dots("default", default, rows, DEFAULT))
     thesis_marks = [
         (p.to_unit(p.thesis), y)
         for p, y in zip(parameters.parameters[::-1], rows, strict=True)
@@ -148,3 +118,8 @@ def bodies(result: Result) -> Chart:
         Axis("parameter", names=names),
     )
     return Chart([Frame(*axes, layers, height=70 + 26 * len(names))])
+
+
+FIGURES: dict[str, Callable[[Result], Chart]] = {
+    "convergence": convergence, "periods": all_periods, "bodies": bodies,
+}  # fmt: skip

@@ -87,9 +87,15 @@ class Frame:
 
 @dataclass(frozen=True)
 class Chart:
-    """Frames side by side, or below each other on a narrow page."""
+    """Frames side by side, or below each other on a narrow page.
+
+    Attributes:
+        frames: The frames, by rows.
+        columns: Frames in a row of a file; 0 for a number that suits their count.
+    """
 
     frames: Sequence[Frame]
+    columns: int = 0
 
 
 def dots(name: str, x: Sequence[float], y: Sequence[float], color: str, **style: object) -> Layer:
@@ -192,3 +198,8 @@ def limits(frame: Frame, horizontal: bool) -> tuple[float, float]:
 def array(values: object) -> np.ndarray:
     """Values as an array of floats."""
     return np.asarray(values, dtype=float)
+
+
+def short(joint: str) -> str:
+    """Label of a joint in a figure: its name without ``_joint`` and underscores."""
+    return joint.removesuffix("_joint").replace("_", " ")

@@ -32,17 +32,17 @@ def write(chart: Chart, path: Path) -> Path:
     from matplotlib.figure import Figure
 
     count = len(chart.frames)
-    columns = min(COLUMNS, max(1, count)) if count != 4 else 2
+    columns = chart.columns or (min(COLUMNS, max(1, count)) if count != 4 else 2)
     rows = max(1, -(-count // columns))
     size = (WIDTH * columns, HEIGHT * rows) if count > 1 else (1.6 * WIDTH, 1.3 * HEIGHT)
     with matplotlib.rc_context(STYLE):
         figure = Figure(figsize=size, layout="constrained", dpi=120)
         FigureCanvasAgg(figure)  # no display, and no global state as in pyplot
-        axes = figure.subplots(rows, columns, squeeze=False).flat
+        axes = list(figure.subplots(rows, columns, squeeze=False).flat)
         legend: dict[str, Any] = {}
         for ax, frame in zip(axes, chart.frames, strict=False):
             _frame(ax, frame, legend)
-        for ax in list(axes)[count:]:
+        for ax in axes[count:]:
             ax.set_axis_off()
         named = {name: handle for name, handle in legend.items() if name}
         figure.legend(named.values(), named, loc="outside right upper")

@@ -4,59 +4,42 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from loco_control.gait.generator import GaitParams
 
+from ..drawing.chart import PALETTE, Axis, Chart, Frame, Layer, line
+from ..runs.experiment import Experiment
 from ..runs.gait_file import Gait
+from ..runs.rollout import rollout
 from ..search import evaluations
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
-COLOURS = ("#34568b", "#c0392b", "#2a7f4f", "#b8860b", "#6a3d9a", "#444444")
+from . import legged
 
 
-def convergence(folders: Sequence[str | Path], title: str) -> Figure:
+def convergence(folders: Sequence[str | Path], title: str) -> Chart:
     """Best speed so far, median of each generation and step size over the evaluations.
 
     Args:
         folders: One per seed, each with the record of a search.
         title: Title of the figure.
     """
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(9.0, 3.6), layout="constrained", dpi=120)
-    FigureCanvasAgg(figure)  # no display, and no global state as in pyplot
-    speed, step = figure.subplots(1, 2, width_ratios=(3, 2))
+    speeds, steps = list[Layer](), list[Layer]()
     for number, folder in enumerate(folders):
         header, rows = evaluations.read(folder)
         c = evaluations.columns(rows, header["population"])
-        colour = COLOURS[number % len(COLOURS)]
-        label = f"seed {header['seed']}: {-c['best'][-1]:.3f} m/s" if len(c["best"]) else "empty"
-        speed.plot(c["evaluations"], -c["best"], color=colour, label=label)
-        speed.plot(
-            c["evaluations"],
-            _walking(rows, header["population"]),
-            color=colour,
-            alpha=0.35,
-            linewidth=0.9,
-        )
-        step.semilogy(c["evaluations"], c["sigma"], color=colour)
-    speed.axhline(0.0, color="#888888", linewidth=0.6)
-    speed.set(xlabel="evaluations", ylabel="forward speed [m/s]")
-    speed.set_title("best so far; thin: median of those that did not fall", fontsize=9)
-    speed.legend(frameon=False, loc="lower right", fontsize=8)
-    step.set(xlabel="evaluations", ylabel="step size, share of the ranges [-]")
-    figure.suptitle(title, fontsize=11)
-    for ax in (speed, step):
-        ax.spines[["top", "right"]].set_visible(False)
-    return figure
+        colour, best = PALETTE[number % len(PALETTE)], -c["best"]
+        name = f"seed {header['seed']}: " + (f"{best[-1]:.3f} m/s" if len(best) else "empty")
+        walking = _walking(rows, header["population"])
+        speeds += [line(name, c["evaluations"], best, colour, size=1.9),
+                   line(name, c["evaluations"], walking, colour, size=0.7)]  # fmt: skip
+        steps.append(line(name, c["evaluations"], c["sigma"], colour, size=1.9))
+    x, step = Axis("evaluations"), Axis("step size, share of the ranges [-]", logarithmic=True)
+    text = f"{title}, best so far; thin: median without falls"
+    return Chart([Frame(x, Axis("forward speed [m/s]"), speeds, text), Frame(x, step, steps)])
 
 
 def _walking(rows: list[dict[str, Any]], population: int) -> np.ndarray:
@@ -79,8 +62,6 @@ def animate(gait: Gait, path: str | Path, seconds: float = 2.0, speed: float = 0
     """
     from loco_sim.world.render import render_gif
 
-    from ..runs.rollout import rollout
-
     log = rollout(experiment_of(gait))
     part = log.cut(slice(max(0, len(log) - round(seconds / log.dt)), None))
     robot = log.experiment.plant
@@ -90,18 +71,7 @@ def animate(gait: Gait, path: str | Path, seconds: float = 2.0, speed: float = 0
 
 def experiment_of(gait: Gait, **changes: Any) -> Any:
     """Experiment that runs a gait on the body for which it was found."""
+    values = {"name": gait.name, "overrides": gait.overrides, "duration": gait.duration}
     if isinstance(gait.target, GaitParams):
-        from .legged import experiment
-
-        values = {"name": gait.name, "overrides": gait.overrides, "duration": gait.duration}
-        return experiment(gait.robot, values).replace(**{"gait": gait.target, **changes})
-    from ..runs.experiment import Experiment
-
-    values: Mapping[str, Any] = {
-        "name": gait.name,
-        "robot": gait.robot,
-        "overrides": gait.overrides,
-        "duration": gait.duration,
-        "target": gait.target,
-    }
-    return Experiment(**{**values, **changes})
+        return legged.experiment(gait.robot, values).replace(**{"gait": gait.target, **changes})
+    return Experiment(**{**values, "robot": gait.robot, "target": gait.target, **changes})

@@ -3,18 +3,15 @@
 
 from __future__ import annotations
 
-import numpy as np
 from markupsafe import Markup
 
 from loco_learning.calibration import figures, results
 from loco_learning.calibration.mawe import UNITS
-from loco_learning.calibration.results import Comparison, Result
-from loco_learning.drawing.chart import PALETTE
+from loco_learning.calibration.results import Result
 from loco_sim.plant.model import Model
 
 from ..page import html
 from ..page.html import document, part
-from ..page.plot import Line, Panel, Plot, short
 
 SURROGATE = (
     "SURROGATE: these recordings come from a simulated stand-in with effects that the model lacks, "
@@ -28,7 +25,7 @@ def page(result: Result, model: Model) -> str:
         part("Body before and after", lambda: _tabled(results.body_table(result), 2, _BODY)),
         part("Average periods", lambda: _periods(result)),
         part("Recordings", lambda: _tabled(results.recording_table(result), 3, _RECORDINGS)),
-        part("Convergence", lambda: html.figure(convergence(result), "Convergence", _CONVERGENCE)),
+        part("Convergence", lambda: _convergence(result)),
         part("Searches", lambda: _tabled(results.seed_table(result), 1, _SEARCHES)),
         part("Where the seeds end", lambda: _bodies(result)),
         part("Calibrated model", lambda: _model(model), long=True),
@@ -62,46 +59,19 @@ def _tabled(content: tuple[list[str], list[list[str]]], numeric: int, text: str)
     return html.paragraph(text, soft=True) + html.table(head, rows, columns)
 
 
-def convergence(result: Result) -> Plot:
-    """Smallest error so far over the generations, one line per search."""
-    last = max(len(fit.history) for fit in result.fits)
-    lines = []
-    for i, fit in enumerate(result.fits):
-        best = np.full(last + 1, np.nan)
-        best[: len(fit.curve)] = fit.curve
-        lines.append(Line(f"seed {fit.seed}", best, PALETTE[i % len(PALETTE)], 1.6))
-    default = np.full(last + 1, result.fits[0].before)
-    lines.append(Line("default body", default, str(figures.DEFAULT["color"]), dashed=True))
-    label = f"windowed error ({result.loss}) [{UNITS[result.loss]}]"
-    return Plot(np.arange(last + 1.0), [Panel(label, lines, logarithmic=True)], axis="generation")
-
-
-def periods(row: Comparison, result: Result) -> Plot:
-    """Average period of every passive joint in one recording, one panel per joint."""
-    count = len(row.curves["robot"])
-    panels = []
-    for j, joint in enumerate(result.joints):
-        lines = []
-        for name, style in figures.LINES.items():
-            text = name if name != "robot" else "surrogate robot" if result.surrogate else "robot"
-            color = str(style["color"])
-            mean, deviation = (np.degrees(row.curves[k][:, j]) for k in (name, f"{name}_spread"))
-            lines += [
-                Line(text, mean + by * deviation, color, 0.8, dashed=True) for by in (-1.0, 1.0)
-            ]
-            lines.append(Line(text, mean, color, 2.4 if name == "robot" else 1.6))
-        panels.append(Panel(f"{short(joint)} [deg]", lines))
-    return Plot(np.arange(count) / count * row.period, panels, axis="time in the period [s]")
-
-
 def _periods(result: Result) -> Markup:
     blocks = [html.paragraph(_PERIODS, soft=True)]
     for row in result.comparisons:
         text = f"{row.name}, {'fitted' if row.fitted else 'not fitted'}: {row.count} periods"
-        blocks.append(html.figure(periods(row, result), f"Average period of {row.name}", text))
+        chart = figures.periods(row, result)
+        blocks.append(html.figure(chart, f"Average period of {row.name}", text))
         spectra = figures.spectra(row, result)
         blocks.append(html.figure(spectra, f"Spectra of {row.name}", _SPECTRA))
     return html.join(blocks)
+
+
+def _convergence(result: Result) -> Markup:
+    return html.figure(figures.convergence(result), "Convergence", _CONVERGENCE)
 
 
 def _bodies(result: Result) -> Markup:

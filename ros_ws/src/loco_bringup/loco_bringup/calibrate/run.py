@@ -8,7 +8,6 @@ import json
 import logging
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 
 from loco_control.exceptions import MissingFileError, ParameterError
@@ -147,8 +146,7 @@ def compare(job: Job, model: Model) -> list[results.Comparison]:
 def write(result: results.Result, model: Model, folder: Path) -> None:
     """Write model, result, tables, figures and page."""
     for name, draw in figures.FIGURES.items():
-        write_whole(folder / f"{name}.png", partial(draw(result).savefig, format="png"))
-    png.write(figures.bodies(result), folder / "bodies.png")
+        png.write(draw(result), folder / f"{name}.png")
     text = "\n".join(
         results.markdown(*figure)
         for figure in (

@@ -5,14 +5,14 @@ from __future__ import annotations
 
 import argparse
 import math
-from functools import partial
 from pathlib import Path
 from typing import Any
 
 from rich.table import Table
 
 from loco_control.exceptions import ParameterError
-from loco_control.files import check_writable, write_whole
+from loco_control.files import check_writable
+from loco_learning.drawing import png
 from loco_learning.gaits import figures as gait_figures
 from loco_learning.gaits import search as gait_search
 from loco_learning.gaits.legged import problem_of
@@ -56,7 +56,7 @@ def run(a: argparse.Namespace) -> int:
     best, optimum, _ = min(results, key=lambda item: item[1].value)
     best.save(folder / "gait.yaml")
     figure = gait_figures.convergence([place for *_, place in results], params.gait)
-    write_whole(folder / "convergence.png", partial(figure.savefig, format="png"))
+    png.write(figure, folder / "convergence.png")
     if a.gif:
         gait_figures.animate(best, folder / "gait.gif")
     console.print(_table(results))

@@ -133,11 +133,6 @@ def seen(title: str, plot: Plot) -> str:
     return f"{title} over {plot.axis}{span}. {'; '.join(rows)}."
 
 
-def short(joint: str) -> str:
-    """Label of a joint in a figure: its name without ``_joint`` and underscores."""
-    return joint.removesuffix("_joint").replace("_", " ")
-
-
 def both(color: str) -> str:
     """CSS value of a colour for light and dark pages."""
     return f"light-dark({color}, {DARK.get(color, color)})"

@@ -6,7 +6,7 @@ from __future__ import annotations
 import numpy as np
 
 from loco_control.exceptions import BagError
-from loco_learning.drawing.chart import GREY, PALETTE, Axis, Chart, Frame, Layer, dots, line
+from loco_learning.drawing.chart import GREY, PALETTE, Axis, Chart, Frame, Layer, dots, line, short
 from loco_learning.metrics import quantities, signals
 from loco_learning.reflex.joint_sensors import passive_joints
 from loco_learning.runs.log import Log
@@ -14,7 +14,7 @@ from loco_learning.study.trial import driven
 from loco_sim.robot.frames import feet_in_base
 
 from ..page import style
-from ..page.plot import Line, Panel, Plot, short
+from ..page.plot import Line, Panel, Plot
 from . import figures
 
 MOST = 12  # largest number of joints in one plot

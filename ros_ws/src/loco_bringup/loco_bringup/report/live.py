@@ -10,15 +10,13 @@ import numpy as np
 from markupsafe import Markup
 
 from loco_control.exceptions import BagError
-from loco_learning.calibration.figures import CALIBRATED, DEFAULT, ROBOT
-from loco_learning.calibration.segments import Segments
+from loco_learning.calibration.figures import CALIBRATED, DEFAULT, ROBOT, period_frames
 from loco_learning.drawing.chart import DASHED, GREY, Axis, Chart, Frame, dots, line
 
 from ..gap import tables as gap_tables
 from ..gap import text as gap_text
 from ..page import html
 from ..page.html import document, number, part
-from ..page.plot import Line, Panel, Plot
 from ..page.style import Chapter
 from . import parts
 from .live_log import MEASURED, MODEL, LiveRun
@@ -87,9 +85,9 @@ def gap(run: LiveRun) -> Chart:
     unmixed = mixed == 0.0
     groups = [
         (~unmixed, GREY, "of two models"),
-        (unmixed & (model == 0), DEFAULT["color"], "model as given"),
+        (unmixed & (model == 0), DEFAULT, "model as given"),
         (unmixed & (model > 0) & (model < last), _BETWEEN, "models between"),
-        (unmixed & (model == last), CALIBRATED["color"], "last model"),
+        (unmixed & (model == last), CALIBRATED, "last model"),
     ]
     layers = [line("gap", t, values, GREY, size=0.8)]
     for mask, color, label in groups:
@@ -103,29 +101,17 @@ def gap(run: LiveRun) -> Chart:
     return Chart([Frame(x, y, layers)])
 
 
-def periods(run: LiveRun) -> Plot:
+def periods(run: LiveRun) -> Chart:
     """Average period of each passive joint: measured robot, model before, model after."""
-    sources: list[tuple[Segments | None, dict, str]] = [
-        (run.measured, ROBOT, "measured robot (surrogate)"),
-        (run.before, DEFAULT, "model as given"),
-        (run.after, CALIBRATED, "last model"),
+    sources = [
+        ("measured robot (surrogate)", ROBOT, run.measured),
+        ("model as given", DEFAULT, run.before),
+        ("last model", CALIBRATED, run.after),
     ]
-    available = [(period, str(style["color"]), label) for period, style, label in sources if period]
-    if not available:
+    curves = [(label, color, x.mean, x.spread) for label, color, x in sources if x]
+    if not curves:
         raise BagError("no whole period was recorded")
-    count = max(period.mean.shape[0] for period, _, _ in available)
-    share = np.arange(count) / count
-    panels = []
-    for j, joint in enumerate(run.joints):
-        lines = []
-        for period, color, label in available:
-            phase = np.arange(period.mean.shape[0]) / period.mean.shape[0]
-            mean, deviation = (np.interp(share, phase, np.degrees(values[:, j]))
-                            for values in (period.mean, period.spread))  # fmt: skip
-            lines += [Line(label, mean + by * deviation, color, 0.8, dashed=True) for by in (-1, 1)]
-            lines.append(Line(label, mean, color, 2.4 if period is run.measured else 1.6))
-        panels.append(Panel(f"{joint.removesuffix('_joint').replace('_', ' ')} [deg]", lines))
-    return Plot(share * run.period, panels, axis="time in the period [s]")
+    return Chart(period_frames(run.joints, run.period, curves))
 
 
 def search(run: LiveRun) -> Chart:
@@ -135,10 +121,10 @@ def search(run: LiveRun) -> Chart:
         raise BagError("the search told of no generation")
     at, best = [s.tick for s in states], [s.best for s in states]
     layers = [
-        line("body as given", [at[0], at[-1]], [states[0].before] * 2, str(DEFAULT["color"]),
+        line("body as given", [at[0], at[-1]], [states[0].before] * 2, DEFAULT,
              shape=DASHED),
-        line("best so far", at, best, str(CALIBRATED["color"])),
-        dots("best so far", at, best, str(CALIBRATED["color"]), size=2.5),
+        line("best so far", at, best, CALIBRATED),
+        dots("best so far", at, best, CALIBRATED, size=2.5),
     ]  # fmt: skip
     top = 1.06 * max(states[0].before, *best)
     y = Axis("smallest error so far [-]", limits=(0.0, top))
