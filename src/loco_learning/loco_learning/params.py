@@ -15,7 +15,6 @@ PHASES = ("stand", "train", "closing", "test")
 OPEN = "open loop"  # name of the phase "train" if nothing is trained
 # HFE and KFE of each leg, leg-major; HAA always follows the target.
 OUTPUT_JOINTS = np.array([1, 2, 4, 5, 7, 8, 10, 11])
-REFERENCES = np.concatenate((OUTPUT_JOINTS, 12 + OUTPUT_JOINTS))  # in (q, dq) of all joints, (16,)
 ACTIVATIONS = ("tanh", "relu")
 SCALINGS = ("plateau", "author")
 # Sensors of a joint reflex by the value of `inputs`: kinds of `joint_sensors.KINDS`.

@@ -72,7 +72,7 @@ def test_repeats_of_one_run_differ_in_nothing(robot, repeats, first):
 
 def test_every_metric_has_a_change_that_matters():
     for metric in METRICS.values():
-        assert metric.least > 0.0 and metric.share > 0.0, metric.name
+        assert metric.min_change > 0.0 and metric.share > 0.0, metric.name
     assert METRICS["speed"].notable(0.01) == 0.005 and METRICS["speed"].notable(1.0) == 0.05
     assert math.isinf(METRICS["step_time"].notable(1.0))  # that of the machine
 

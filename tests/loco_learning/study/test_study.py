@@ -196,7 +196,7 @@ def test_a_study_changes_keys_of_another(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("base", "message"), [("other.yaml", "extends itself"), ("[1]", "must be the name of a study")]
+    ("base", "message"), [("other.yaml", "extends itself"), ("[1]", "must be the name of another study")]
 )
 def test_a_study_that_extends_itself_or_no_study_is_refused(tmp_path, base, message):
     other = tmp_path / "other.yaml"

@@ -173,18 +173,14 @@ def judge(log: Log) -> Score:
     duration = log.experiment.ticks * log.dt
     speed = log.distance / duration if len(log) else 0.0
     extra = {"speed": speed, "distance": log.distance}
-    if not math.isfinite(speed) or abs(speed) > FASTEST or (log.fall and not _has_fallen(log)):
+    diverged = "finite" in log.fall  # a fall has another reason
+    if not math.isfinite(speed) or abs(speed) > FASTEST or diverged:
         return Score(
             EXPLODED, f"exploded: {log.fall or f'{speed:.3g} m/s'}", {**extra, "speed": 0.0}
         )
     if log.fall:
         return Score(FELL + 1.0 - len(log) * log.dt / duration, f"fell: {log.fall}", extra)
     return Score(-speed, "", extra)
-
-
-def _has_fallen(log: Log) -> bool:
-    """True if the robot fell, False if the simulation diverged."""
-    return "finite" not in log.fall
 
 
 def draw_bodies(

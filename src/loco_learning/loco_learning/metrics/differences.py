@@ -113,27 +113,27 @@ def differences(first: Log, other: Log, phase: str, tests: int = 1) -> list[Diff
         phase: Name of a phase of both.
         tests: Number of tables that share the error probability `CHANCE`.
     """
-    here = window(first, other, phase)
+    blocks = window(first, other, phase)
     metrics = [m for m in METRICS.values() if m.suits(first) and m.suits(other)]
-    rows = [(m.name, *(_blocks(m, log, here) for log in (first, other))) for m in metrics]
+    rows = [(m.name, *(_blocks(m, log, blocks) for log in (first, other))) for m in metrics]
     rows = [row for row in rows if np.isfinite(row[1]).any() and np.isfinite(row[2]).any()]
     chance = CHANCE / (tests * max(1, len(rows)))
-    return [_difference(here, *row, chance) for row in rows]
+    return [_difference(blocks, *row, chance) for row in rows]
 
 
-def _blocks(metric: Metric, log: Log, here: Window) -> np.ndarray:
+def _blocks(metric: Metric, log: Log, blocks: Window) -> np.ndarray:
     """Value of a metric in each block, (N,)."""
-    starts = log.phases()[here.phase].start + here.length * np.arange(here.count)
-    return np.array([metric(log, slice(s, s + here.length)) for s in starts])
+    starts = log.phases()[blocks.phase].start + blocks.length * np.arange(blocks.count)
+    return np.array([metric(log, slice(s, s + blocks.length)) for s in starts])
 
 
 def _difference(
-    here: Window, name: str, one: np.ndarray, two: np.ndarray, chance: float
+    blocks: Window, name: str, one: np.ndarray, two: np.ndarray, chance: float
 ) -> Difference:
     """Difference of one metric from its blocks, with a given error probability."""
     size, at, largest, kind = METRICS[name].notable(float(np.nanmean(one))), math.nan, math.nan, ""
     low = high = math.nan
-    if here.paired:
+    if blocks.paired:
         valid = np.isfinite(one) & np.isfinite(two)
         pairs = (two - one)[valid]
         samples: tuple[np.ndarray, ...] = (pairs,)
@@ -144,10 +144,10 @@ def _difference(
         middle = 0.5 * (low + high)
         if low * high > 0.0 and abs(middle) > size:
             kind = LASTING
-        if here.paired:
+        if blocks.paired:
             index = int(np.argmax(np.abs(pairs)))
             largest = float(pairs[index])
-            at = float(np.flatnonzero(valid)[index] * here.length * here.dt)
+            at = float(np.flatnonzero(valid)[index] * blocks.length * blocks.dt)
             if not kind and abs(largest) > max(size, outstanding(pairs, chance)):
                 kind = PASSING
     means = (float(np.nanmean(values)) for values in (one, two))

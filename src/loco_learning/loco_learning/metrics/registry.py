@@ -20,28 +20,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..runs.log import Log
-from . import signals
-from .quantities import (
-    columns,
-    drives,
-    feet,
-    has_feet,
-    has_passive_joints,
-    heading_speed,
-    lag,
-    mass,
-    moves,
-    outputs_wanted,
-    passive,
-    period,
-    progress,
-    target_and_prediction,
-    walks,
-)
+from . import quantities, signals
 
 MAWE_SHIFT = 0.05  # largest shift of eq. (3.40) [s]
 REFERENCE_POWER = 100.0  # P_ref of eq. (3.32) [W], about the power of a slow trot
 ENCODER_STEP = 2.0 * math.pi / 4096  # resolution of a servo's encoder, 4096 steps a turn [rad]
+POSE = ("position", "orientation")  # columns of the base
 SHORTEST = 1.0  # shortest interval for a metric of a gait [s]
 
 
@@ -57,7 +41,7 @@ class Metric:
     needs: tuple[str, ...]  # columns of the log
     learner: bool  # whether a network is needed
     applies: Callable[[Log], bool]  # predicate: defined for the robot of a log
-    least: float  # smallest change that matters, in the unit of the metric
+    min_change: float  # smallest change that matters, in the unit of the metric
     share: float  # the same, over the value of the first run [-]; the larger of both counts
 
     def suits(self, log: Log) -> bool:
@@ -67,7 +51,7 @@ class Metric:
 
     def notable(self, value: float) -> float:
         """Smallest change that matters at a value of the first run."""
-        return max(self.least, self.share * abs(value))
+        return max(self.min_change, self.share * abs(value))
 
     def __call__(self, log: Log, interval: slice = slice(None)) -> float:
         """Value over the ticks of `interval`; NaN if it is too short or does not apply."""
@@ -86,7 +70,7 @@ def metric(
     *needs: str,
     learner: bool = False,
     applies: Callable[[Log], bool] = lambda log: True,
-    least: float,
+    min_change: float,
     share: float = 0.05,
 ) -> Callable:
     """Register a function of a log under its own name; its docstring is the description.
@@ -97,15 +81,15 @@ def metric(
         needs: Columns of the log that it uses.
         learner: Whether it describes a network.
         applies: Predicate: the metric is defined for the robot of a log.
-        least: Smallest change that matters, in the unit of the metric (taste: what a reader of a
-            table would call a change); infinite for a number of the machine, not of the robot.
+        min_change: Smallest change that matters, in the unit of the metric (taste: what a reader
+            of a table would call a change); infinite for a number of the machine.
         share: The same, over the value of the first run (taste); the larger of both counts.
     """
 
     def register(function: Callable[[Log], float]) -> Callable[[Log], float]:
         name, doc = function.__name__, function.__doc__ or ""
         METRICS[name] = Metric(
-            name, unit, equation, doc, function, needs, learner, applies, least, share
+            name, unit, equation, doc, function, needs, learner, applies, min_change, share
         )
         return function
 
@@ -125,178 +109,186 @@ def table(log: Log) -> dict[str, dict[str, float]]:
 # ---- behaviour, thesis section 3.6.2 ---------------------------------------------------
 
 
-@metric("m", "ours", "position", "orientation", applies=moves, least=0.005)
+@metric("m", "ours", *POSE, applies=quantities.moves, min_change=0.005)
 def distance(log: Log) -> float:
     """Displacement along the forward direction at the start of the phase."""
-    return float(progress(log)[-1, 0])
+    return float(quantities.progress(log)[-1, 0])
 
 
-@metric("m/s", "3.30", "position", "orientation", applies=moves, least=0.005)
+@metric("m/s", "3.30", *POSE, applies=quantities.moves, min_change=0.005)
 def speed(log: Log) -> float:
     """Distance over time."""
-    return signals.mean_speed(progress(log)[:, 0], log.dt)
+    return signals.mean_speed(quantities.progress(log)[:, 0], log.dt)
 
 
-@metric("m/s", "ours", "position", "orientation", applies=moves, least=0.005)
+@metric("m/s", "ours", *POSE, applies=quantities.moves, min_change=0.005)
 def forward_speed(log: Log) -> float:
     """Mean velocity along the current heading, for robots that may turn."""
-    return float(np.mean(heading_speed(log)))
+    return float(np.mean(quantities.heading_speed(log)))
 
 
-@metric("-", "ours", "position", "target_speed", applies=moves, least=0.02)
+@metric("-", "ours", "position", "target_speed", applies=quantities.moves, min_change=0.02)
 def speed_ratio(log: Log) -> float:
     """Speed over the target speed."""
     target = float(np.mean(log.target_speed))
     return speed(log) / target if abs(target) > 1e-6 else float("nan")
 
 
-@metric("m", "ours", "position", "orientation", applies=moves, least=0.005)
+@metric("m", "ours", *POSE, applies=quantities.moves, min_change=0.005)
 def lateral_drift(log: Log) -> float:
     """Displacement across the forward direction at the start of the phase; left is positive."""
-    return float(progress(log)[-1, 1])
+    return float(quantities.progress(log)[-1, 1])
 
 
-@metric("rad", "ours", "orientation", applies=moves, least=0.01)
+@metric("rad", "ours", "orientation", applies=quantities.moves, min_change=0.01)
 def heading_drift(log: Log) -> float:
     """Yaw at the end minus yaw at the start."""
     yaw = signals.roll_pitch_yaw(log.orientation)[:, 2]
     return float(yaw[-1] - yaw[0])
 
 
-@metric("m", "3.27", "position", applies=moves, least=0.001, share=0.1)
+@metric("m", "3.27", "position", applies=quantities.moves, min_change=0.001, share=0.1)
 def stability(log: Log) -> float:
     """Range of the height of the base; lower is steadier."""
     return signals.excursion(log.position[:, 2])
 
 
-@metric("rad", "ours", "orientation", applies=moves, least=0.005, share=0.1)
+@metric("rad", "ours", "orientation", applies=quantities.moves, min_change=0.005, share=0.1)
 def roll_range(log: Log) -> float:
     """Range of the roll of the base."""
     return signals.excursion(signals.roll_pitch_yaw(log.orientation)[:, 0])
 
 
-@metric("rad", "ours", "orientation", applies=moves, least=0.005, share=0.1)
+@metric("rad", "ours", "orientation", applies=quantities.moves, min_change=0.005, share=0.1)
 def pitch_range(log: Log) -> float:
     """Range of the pitch of the base (the author's pitch range is really that of yaw)."""
     return signals.excursion(signals.roll_pitch_yaw(log.orientation)[:, 1])
 
 
-@metric("W", "3.28", "dq", "tau", least=0.01)
+@metric("W", "3.28", "dq", "tau", min_change=0.01)
 def power(log: Log) -> float:
     """Mean mechanical power of the drives; negative work is subtracted."""
-    return signals.mechanical_power(*drives(log))
+    return signals.mechanical_power(*quantities.drives(log))
 
 
-@metric("W", "ours", "dq", "tau", least=0.01)
+@metric("W", "ours", "dq", "tau", min_change=0.01)
 def positive_power(log: Log) -> float:
     """Mean mechanical power of the drives; negative work is not recovered."""
-    return signals.positive_power(*drives(log))
+    return signals.positive_power(*quantities.drives(log))
 
 
 def _energy(log: Log) -> tuple[float, float, float]:
     """Power [W], forward speed [m/s] and mass [kg] for the efficiency metrics."""
-    if walks(log):
-        return power(log), speed(log), mass(log)
-    return positive_power(log), forward_speed(log), mass(log)
+    if quantities.walks(log):
+        return power(log), speed(log), quantities.mass(log)
+    return positive_power(log), forward_speed(log), quantities.mass(log)
 
 
-@metric("-", "3.31", "position", "orientation", "dq", "tau", applies=moves, least=0.01)
+@metric("-", "3.31", *POSE, "dq", "tau", applies=quantities.moves, min_change=0.01)
 def cost_of_transport(log: Log) -> float:
     """P / (m g V), lower is better; of servos P is the positive power. The thesis inverts it."""
     return signals.cost_of_transport(*_energy(log))
 
 
-@metric("m/(s·kg)", "3.32", "position", "orientation", "dq", "tau", applies=moves, least=1e-4)
+@metric("m/(s·kg)", "3.32", *POSE, "dq", "tau", applies=quantities.moves, min_change=1e-4)
 def saturated_score(log: Log) -> float:
     """V / m tanh(P_ref / P) with P_ref = 100 W, higher is better."""
     return signals.saturated_score(*_energy(log), REFERENCE_POWER)
 
 
-@metric("N·m", "ours", "tau", least=0.005)
+@metric("N·m", "ours", "tau", min_change=0.005)
 def torque_max(log: Log) -> float:
     """Largest torque of a drive, mean over a control period."""
-    return float(np.max(np.abs(drives(log)[1]), initial=0.0))
+    return float(np.max(np.abs(quantities.drives(log)[1]), initial=0.0))
 
 
-@metric("N", "3.33", "grf", applies=has_feet, least=0.1)
+@metric("N", "3.33", "grf", applies=quantities.has_feet, min_change=0.1)
 def grf_max(log: Log) -> float:
     """Largest normal force on any foot."""
     return signals.peak_force(log.grf)
 
 
-@metric("-", "ours", "grf", applies=has_feet, least=0.02)
+@metric("-", "ours", "grf", applies=quantities.has_feet, min_change=0.02)
 def grf_snr(log: Log) -> float:
     """|mean| over standard deviation of the normal forces, mean over feet."""
     return signals.snr(log.grf[..., 2])
 
 
-@metric("-", "ours", "contact", applies=has_feet, least=0.02)
+@metric("-", "ours", "contact", applies=quantities.has_feet, min_change=0.02)
 def duty_factor(log: Log) -> float:
     """Share of the time that a foot touches the ground, mean over feet."""
     return float(np.mean(log.contact))
 
 
-@metric("m", "3.6.2.6", "q", applies=has_feet, least=0.002)
+@metric("m", "3.6.2.6", "q", applies=quantities.has_feet, min_change=0.002)
 def step_length(log: Log) -> float:
     """Range of the measured foot position along x in the base frame, mean over feet."""
-    return float(np.mean(np.ptp(feet(log)[..., 0], axis=0)))
+    return float(np.mean(np.ptp(quantities.feet(log)[..., 0], axis=0)))
 
 
-@metric("m", "3.6.2.6", "q", applies=has_feet, least=0.002)
+@metric("m", "3.6.2.6", "q", applies=quantities.has_feet, min_change=0.002)
 def step_height(log: Log) -> float:
     """Range of the measured foot position along z in the base frame, mean over feet."""
-    return float(np.mean(np.ptp(feet(log)[..., 2], axis=0)))
+    return float(np.mean(np.ptp(quantities.feet(log)[..., 2], axis=0)))
 
 
-@metric("Hz", "ours", "command", least=0.02)
+@metric("Hz", "ours", "command", min_change=0.02)
 def stride_frequency(log: Log) -> float:
     """Largest spectral peak of the normal forces, or of the commands from oscillators."""
-    return signals.stride_frequency(log.grf[..., 2] if walks(log) else log.command, log.dt)
+    return signals.stride_frequency(
+        log.grf[..., 2] if quantities.walks(log) else log.command, log.dt
+    )
 
 
-@metric("rad", "ours", "q", applies=has_passive_joints, least=0.005)
+@metric("rad", "ours", "q", applies=quantities.has_passive_joints, min_change=0.005)
 def passive_range(log: Log) -> float:
     """Range of the passive joints, mean over them."""
-    return float(np.mean(np.ptp(log.q[:, passive(log)], axis=0)))
+    return float(np.mean(np.ptp(log.q[:, quantities.passive(log)], axis=0)))
 
 
-@metric("rad", "ours", "command", "q", least=ENCODER_STEP, share=0.1)
+@metric("rad", "ours", "command", "q", min_change=ENCODER_STEP, share=0.1)
 def tracking_error(log: Log) -> float:
     """Rms of commanded minus measured position of the driven joints."""
-    return float(np.sqrt(signals.mse(log.command, columns(log.q, log.experiment.plant.driven))))
+    return float(
+        np.sqrt(signals.mse(log.command, quantities.columns(log.q, log.experiment.plant.driven)))
+    )
 
 
 # ---- learning, thesis section 3.6.3 ----------------------------------------------------
 
 
-@metric("rad²", "3.34", "prediction", learner=True, least=1e-5, share=0.2)
+@metric("rad²", "3.34", "prediction", learner=True, min_change=1e-5, share=0.2)
 def mse(log: Log) -> float:
     """Mean squared error of the predicted positions."""
-    return signals.mse(*target_and_prediction(log))
+    return signals.mse(*quantities.target_and_prediction(log))
 
 
-@metric("rad", "3.35", "prediction", learner=True, least=ENCODER_STEP, share=0.1)
+@metric("rad", "3.35", "prediction", learner=True, min_change=ENCODER_STEP, share=0.1)
 def mae(log: Log) -> float:
     """Mean absolute error of the predicted positions."""
-    return signals.mae(*target_and_prediction(log))
+    return signals.mae(*quantities.target_and_prediction(log))
 
 
-@metric("-", "3.36", "prediction", learner=True, least=0.005, share=0.1)
+@metric("-", "3.36", "prediction", learner=True, min_change=0.005, share=0.1)
 def nrmse(log: Log) -> float:
     """Rms error of the predicted positions over the mean range of their targets."""
-    return signals.nrmse(*target_and_prediction(log))
+    return signals.nrmse(*quantities.target_and_prediction(log))
 
 
-@metric("-", "3.36", "prediction", learner=True, least=0.005, share=0.1)
+@metric("-", "3.36", "prediction", learner=True, min_change=0.005, share=0.1)
 def nrmse_author(log: Log) -> float:
     """Rms error of positions and velocities over their global range, as the author's code does."""
-    return signals.nrmse_global(outputs_wanted(log), log.prediction)
+    return signals.nrmse_global(quantities.outputs_wanted(log), log.prediction)
 
 
-@metric("-", "3.36", "prediction", learner=True, least=0.005, share=0.1)
+@metric("-", "3.36", "prediction", learner=True, min_change=0.005, share=0.1)
 def shape_error(log: Log) -> float:
     """NRMSE per stride, each at its best time shift: the shape of the gait without its timing."""
-    (target, prediction), stride, errors = target_and_prediction(log), period(log), []
+    (target, prediction), stride, errors = (
+        quantities.target_and_prediction(log),
+        quantities.period(log),
+        [],
+    )
     for start in range(stride, len(log) - 2 * stride + 1, stride):
         actual = prediction[start : start + stride]
         shifts = range(start - stride // 2, start + stride // 2 + 1)
@@ -305,45 +297,45 @@ def shape_error(log: Log) -> float:
     return float(np.sqrt(np.mean(errors)) / width) if errors else float("nan")
 
 
-@metric("-", "3.37", "prediction", learner=True, least=0.1, share=0.1)
+@metric("-", "3.37", "prediction", learner=True, min_change=0.1, share=0.1)
 def accuracy(log: Log) -> float:
     """1 / NRMSE."""
-    return signals.accuracy(*target_and_prediction(log))
+    return signals.accuracy(*quantities.target_and_prediction(log))
 
 
-@metric("rad²", "3.38", "prediction", learner=True, least=1e-6, share=0.2)
+@metric("rad²", "3.38", "prediction", learner=True, min_change=1e-6, share=0.2)
 def fmse(log: Log) -> float:
     """Mean squared difference of the amplitude spectra of the positions."""
-    return signals.fmse(*target_and_prediction(log))
+    return signals.fmse(*quantities.target_and_prediction(log))
 
 
-@metric("rad", "3.40", "prediction", learner=True, least=ENCODER_STEP, share=0.1)
+@metric("rad", "3.40", "prediction", learner=True, min_change=ENCODER_STEP, share=0.1)
 def mawe(log: Log) -> float:
     """Mean absolute error of the positions at the best common shift of up to 50 ms."""
-    return signals.mawe(*target_and_prediction(log), round(MAWE_SHIFT / log.dt))
+    return signals.mawe(*quantities.target_and_prediction(log), round(MAWE_SHIFT / log.dt))
 
 
-@metric("s", "3.41", "reflex_time", learner=True, least=math.inf)
+@metric("s", "3.41", "reflex_time", learner=True, min_change=math.inf)
 def step_time(log: Log) -> float:
     """Mean wall-clock time of one step of the network; in train, the training time."""
     return float(np.mean(log.reflex_time))
 
 
-@metric("Hz", "ours", "prediction", learner=True, least=0.02)
+@metric("Hz", "ours", "prediction", learner=True, min_change=0.02)
 def prediction_frequency(log: Log) -> float:
     """Largest spectral peak of the predicted positions."""
-    return signals.stride_frequency(target_and_prediction(log)[1], log.dt)
+    return signals.stride_frequency(quantities.target_and_prediction(log)[1], log.dt)
 
 
-@metric("stride", "ours", "prediction", learner=True, least=0.02)
+@metric("stride", "ours", "prediction", learner=True, min_change=0.02)
 def phase_lag(log: Log) -> float:
     """Lag behind the target at the end of the interval, including whole strides."""
-    return float(lag(log)[-1])
+    return float(quantities.lag(log)[-1])
 
 
-@metric("-", "3.6.3.3", "prediction", learner=True, least=0.02)
+@metric("-", "3.6.3.3", "prediction", learner=True, min_change=0.02)
 def limit_cycle_size(log: Log) -> float:
     """Size of the predicted limit cycle over that of the target, in the target's PCA plane."""
-    target, actual = signals.limit_cycle(outputs_wanted(log), log.prediction)
+    target, actual = signals.limit_cycle(quantities.outputs_wanted(log), log.prediction)
     size = float(np.sum(np.var(target, axis=0)))
     return float(np.sqrt(np.sum(np.var(actual, axis=0)) / size)) if size else float("nan")

@@ -11,6 +11,8 @@ import numpy as np
 
 from loco_sim.robot.equipment import GRAVITY
 
+from ..errors import mean_range, mse, nrmse
+
 
 def excursion(x: np.ndarray) -> float:
     """Largest minus smallest value; of the trunk height it is the stability S, eq. (3.27).
@@ -61,34 +63,9 @@ def peak_force(grf: np.ndarray) -> float:
     return float(np.max(np.abs(grf[..., 2])))
 
 
-def mse(target: np.ndarray, actual: np.ndarray) -> float:
-    """Mean squared error over time and channels, eq. (3.34)."""
-    return float(np.mean((target - actual) ** 2))
-
-
 def mae(target: np.ndarray, actual: np.ndarray) -> float:
     """Mean absolute error over time and channels, eq. (3.35)."""
     return float(np.mean(np.abs(target - actual)))
-
-
-def nrmse(target: np.ndarray, actual: np.ndarray) -> float:
-    """Root mean squared error over the mean range of the target's channels, eq. (3.36).
-
-    sqrt(mean over ticks and channels of (r - q)²) / mean over channels of (max r - min r).
-    The horizon H is the given interval. Departure: the equation has one range per
-    joint; the author's code uses one global range, see `nrmse_global`.
-
-    Args:
-        target: r, (T, J).
-        actual: q, (T, J).
-    """
-    return float(np.sqrt(mse(target, actual)) / mean_range(target))
-
-
-def mean_range(target: np.ndarray) -> float:
-    """Mean over channels of max minus min over time. target: (T, J)."""
-    width = float(np.mean(np.ptp(target, axis=0)))
-    return width if width > 0.0 else float("nan")
 
 
 def nrmse_global(target: np.ndarray, actual: np.ndarray) -> float:

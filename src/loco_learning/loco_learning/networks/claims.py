@@ -17,22 +17,9 @@ from loco_sim.msd.network import Network
 from loco_sim.msd.params import MsdParams
 from loco_sim.msd.simulation import MsdSimulation
 
+from . import results
 from .gait import MsdResult
-from .results import (
-    KMH,
-    Results,
-    author_power,
-    band,
-    converged_at,
-    gait_shape,
-    knee,
-    loop_ratio,
-    loop_share,
-    loops_of,
-    power_speed,
-    rising,
-    roughness,
-)
+from .results import Results
 
 
 @dataclass(frozen=True)
@@ -68,14 +55,14 @@ def claim(number: str, item: str, expected: str, needs: str = "gaits") -> Callab
     return keep
 
 
-def judge(results: Results) -> list[Verdict]:
+def judge(r: Results) -> list[Verdict]:
     """Verdicts of all claims, in order."""
     verdicts = []
     for number, item, expected, needs, function in CLAIMS:
         result, verdict = f"no {needs}", "not decided"
-        if not needs or getattr(results, needs):
+        if not needs or getattr(r, needs):
             try:
-                result, right = function(results)
+                result, right = function(r)
                 verdict = {True: "agrees", False: "disagrees"}.get(right, "not decided")
             except (KeyError, IndexError, ValueError) as error:
                 result = f"lacks results ({error})"
@@ -85,7 +72,7 @@ def judge(results: Results) -> list[Verdict]:
 
 def _unless_rising(text: str, right: bool, gaits: Iterable[MsdResult]):
     """Verdict that is undecided if more evaluations could change it."""
-    share = float(np.mean([rising(g) for g in gaits]))
+    share = float(np.mean([results.rising(g) for g in gaits]))
     text += f"; {share:.0%} of the searches still rose at their end"
     return text, None if share > 0.5 else right
 
@@ -122,7 +109,7 @@ def _gap_shrinks(r: Results):
 
 @claim("6.3", "Fig. 6.2", "larger networks take longer (rho > 0.7); 3 nodes do not converge")
 def _convergence(r: Results):
-    sizes, evaluations = _means(r.over_sizes(converged_at))
+    sizes, evaluations = _means(r.over_sizes(results.converged_at))
     rho = _rank(sizes, evaluations)
     share = {
         n: np.mean([g.course[-20:, 1].mean() / g.best for (m, _), g in r.gaits.items() if m == n])
@@ -137,8 +124,8 @@ def _convergence(r: Results):
 
 @claim("6.4", "Fig. 6.3", "15 km/h (6 nodes) to 30 km/h (20), within 2 x; power varies < 2 x")
 def _speeds(r: Results):
-    speed = {n: v.mean() * KMH for n, v in r.over_sizes(lambda g: g.speed).items()}
-    watts = {n: v.mean() for n, v in r.over_sizes(author_power).items() if n >= 6}
+    speed = {n: v.mean() * results.KMH for n, v in r.over_sizes(lambda g: g.speed).items()}
+    watts = {n: v.mean() for n, v in r.over_sizes(results.author_power).items() if n >= 6}
     ratio = max(watts.values()) / min(watts.values())
     text = f"{speed[6]:.1f} and {speed[20]:.1f} km/h; power by the author's formula "
     text += f"{min(watts.values()):.0f} to {max(watts.values()):.0f} W ({ratio:.1f} x)"
@@ -165,7 +152,7 @@ def _resonance(_: Results):
 
 @claim("6.6", "Fig. 6.4b", "-3 dB band 0.3 to 5.2 Hz, edges within 50 %", "omega")
 def _bandwidth(r: Results):
-    (low, high), band_half = band(r), band(r, 0.5)
+    (low, high), band_half = results.band(r), results.band(r, 0.5)
     text = f"{low:.2f} to {high:.1f} Hz (half the score, as the author's code: "
     text += f"{band_half[0]:.2f} to {band_half[1]:.1f} Hz)"
     fits = [0.15 <= a <= 0.45 and 2.6 <= b <= 7.8 for a, b in ((low, high), band_half)]
@@ -197,7 +184,7 @@ def _high_frequencies(r: Results):
 def _power(r: Results):
     rates = sorted({f for _, f, _ in r.powers})
     watts = sorted({p for p, _, _ in r.powers})
-    speed = {f: [power_speed(r, p, f) for p in watts] for f in rates}
+    speed = {f: [results.power_speed(r, p, f) for p in watts] for f in rates}
     best = max(rates, key=lambda f: np.mean(speed[f]))
     line = np.corrcoef(
         [p for p in watts if p <= 15e3], speed[best][: sum(p <= 15e3 for p in watts)]
@@ -216,11 +203,9 @@ def _power(r: Results):
 )
 def _periodicity(r: Results):
     watts = sorted({p for p, _, _ in r.powers})
+    fast = [(key, g) for key, g in sorted(r.powers.items()) if key[1] >= 3.0]
     weak, strong = (
-        np.mean(
-            [gait_shape(g) for (p, f, _), g in sorted(r.powers.items()) if p == w and f >= 3.0],
-            axis=0,
-        )
+        np.mean([results.gait_shape(g) for (power, *_), g in fast if power == w], axis=0)
         for w in (watts[0], watts[-1])
     )
     text = f"stretch {weak[0]:.0%} and {strong[0]:.0%}, likeness of cycles {weak[1]:.2f} and "
@@ -235,7 +220,7 @@ def _periodicity(r: Results):
     "noise",
 )
 def _noise_knee(r: Results):
-    at = knee(r.noise)
+    at = results.knee(r.noise)
     return f"90 % of the distance are left up to {at:.2g}", 0.01 <= at <= 0.1
 
 
@@ -256,7 +241,7 @@ def _training(r: Results):
     "alphas",
 )
 def _alpha(r: Results):
-    share = {a: loop_share(c) for a, c in sorted(r.alphas.items())}
+    share = {a: results.loop_share(c) for a, c in sorted(r.alphas.items())}
     text = ", ".join(f"{a:g}: {v:.0%}" for a, v in share.items())
     return f"closed over open distance with 1 % noise: {text}", share[0.01] > 0.9 * max(
         share.values()
@@ -265,7 +250,7 @@ def _alpha(r: Results):
 
 @claim("6.13", "Fig. 6.9", "closed over open loop distance > 0.5 from 6 nodes on", "loops")
 def _closed(r: Results):
-    ratio = {n: v for n, v in loop_ratio(r).items() if n >= 6}
+    ratio = {n: v for n, v in results.loop_ratio(r).items() if n >= 6}
     if len(ratio) < 3:
         raise ValueError(f"closed loops of {len(ratio)} sizes")
     stable = [n for n, v in ratio.items() if v > 0.5]
@@ -279,8 +264,8 @@ def _closed(r: Results):
     "6.14", "Fig. 6.10", "limit cycles smoother with size (rho < -0.5 of their roughness)", "loops"
 )
 def _cycles(r: Results):
-    sizes = sorted({n for n, _ in r.loops})
-    roughnesses = [float(np.median([roughness(c) for c in loops_of(r, n)])) for n in sizes]
+    sizes, groups = list(r.loops_by_size), r.loops_by_size.values()
+    roughnesses = [float(np.median([results.roughness(c) for c in loops])) for loops in groups]
     text = ", ".join(f"{n}: {v:.2f}" for n, v in zip(sizes, roughnesses, strict=True))
     rho = _rank(sizes, roughnesses)
     return f"rho {rho:.2f}; {text}", rho < -0.5
@@ -288,8 +273,8 @@ def _cycles(r: Results):
 
 @claim("6.15", "Fig. 6.11", "NRMSE from closing on falls with size (rho < -0.5)", "loops")
 def _nrmse(r: Results):
-    sizes = sorted({n for n, _ in r.loops})
-    error = [float(np.mean([c.values["nrmse"] for c in loops_of(r, n)])) for n in sizes]
+    sizes, groups = list(r.loops_by_size), r.loops_by_size.values()
+    error = [float(np.mean([c.values["nrmse"] for c in loops])) for loops in groups]
     text = ", ".join(f"{n}: {v:.3f}" for n, v in zip(sizes, error, strict=True))
     rho = _rank(sizes, error)
     return f"rho {rho:.2f}; {text}", rho < -0.5

@@ -19,7 +19,7 @@ from ..drawing.chart import (
     line,
     spread,
 )
-from .results import KMH, Results, author_power, band, converged_at, knee, loops_of, power_speed
+from .results import KMH, Results, author_power, band, converged_at, knee, power_speed
 
 log = logging.getLogger(__name__)
 
@@ -156,8 +156,8 @@ def _learning(r: Results) -> Chart:
 
 
 def _by_size(r: Results, key: str) -> list[tuple[int, np.ndarray]]:
-    sizes = sorted({n for n, _ in r.loops})
-    return [(n, np.array([c.values[key] for c in loops_of(r, n)])) for n in sizes]
+    groups = r.loops_by_size.items()
+    return [(n, np.array([c.values[key] for c in loops])) for n, loops in groups]
 
 
 @figure("6.9", "loops")

@@ -11,6 +11,7 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -191,14 +192,6 @@ class MsdResult:
             )  # fmt: skip
 
 
-class _Problem:
-    """Bounds and start for the search, in the unit box."""
-
-    def __init__(self, count: int):
-        self.names = tuple(f"x{i}" for i in range(count))
-        self.low, self.high, self.start = np.zeros(count), np.ones(count), np.full(count, 0.5)
-
-
 def optimise(task: MsdTask, on_progress: Callable[[int, float], Any] | None = None) -> MsdResult:
     """Search a gait by CMA-ES with its default population.
 
@@ -208,13 +201,16 @@ def optimise(task: MsdTask, on_progress: Callable[[int, float], Any] | None = No
     """
     links = chain(task.params()).count
     count = 3 * links + (task.frequency == 0.0)
-    search = Search(_Problem(count), task.seed, task.sigma, 0)
+    unit_box = {"low": np.zeros(count), "high": np.ones(count), "start": np.full(count, 0.5)}
+    problem = SimpleNamespace(names=[f"x{i}" for i in range(count)], **unit_box)
+    search = Search(problem, task.seed, task.sigma, 0)
     evaluator = Evaluator(task, search.size)
     course: list[tuple[float, float, float]] = []
     best, best_x = -np.inf, np.full(count, 0.5)
     while len(course) * search.size < task.evaluations:
         x = np.array(search.ask())
-        seeds = _seeds(task.seed, len(course), search.size)
+        first = (np.uint64(task.seed) << np.uint64(40)) + np.uint64(len(course) * search.size)
+        seeds = first + np.arange(search.size, dtype=np.uint64)
         scores, _, _ = evaluator(decode(task, links, x), seeds)
         if scores.max() > best:
             best, best_x = float(scores.max()), x[scores.argmax()]
@@ -223,15 +219,12 @@ def optimise(task: MsdTask, on_progress: Callable[[int, float], Any] | None = No
             on_progress(len(course) * search.size, best)
         if search.tell(list(-scores)):
             break
-    return _result(task, decode(task, links, best_x), best, np.array(course), count, search.size)
-
-
-def _result(
-    task: MsdTask, gait: Gait, best: float, course: np.ndarray, count: int, size: int
-) -> MsdResult:
+    gait = decode(task, links, best_x)
     clean, speed, power = (float(v[0]) for v in evaluate(task, gait, 1, with_noise=False))
     retested = evaluate(task, gait, 16, with_noise=True)[0]
-    return MsdResult(task, gait, best, clean, speed, power, retested, course, count, size)
+    return MsdResult(
+        task, gait, best, clean, speed, power, retested, np.array(course), count, search.size
+    )
 
 
 def evaluate(
@@ -244,11 +237,3 @@ def evaluate(
         np.full(times, float(gait.frequency)),
     )
     return evaluator(many, seed + np.arange(times))
-
-
-def _seeds(seed: int, generation: int, size: int) -> np.ndarray:
-    return (
-        (np.uint64(seed) << np.uint64(40))
-        + np.uint64(generation * size)
-        + np.arange(size, dtype=np.uint64)
-    )

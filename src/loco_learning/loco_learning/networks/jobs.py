@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import json
 import logging
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -243,20 +243,13 @@ def run(
         missing = [job for job in stage if not is_done(job, folder)]
         count += len(stage) - len(missing)
         missing.sort(key=lambda job: -job.cost)
-        for job, result in _results(missing, folder, workers, scheduler):
-            _save(job, result, folder)
-            count += 1
-            if on_progress:
-                on_progress(count, total, job.name)
-
-
-def _results(
-    jobs: list[Job], folder: Path, workers: int, scheduler: str
-) -> Iterator[tuple[Job, Any]]:
-    several = workers > 1 and len(jobs) > 1
-    with pool.start(do, workers=workers if several else 0, scheduler=scheduler) as place:
-        for index, result in place.results([(job, str(folder)) for job in jobs]):
-            yield jobs[index], result
+        several = workers > 1 and len(missing) > 1
+        with pool.start(do, workers=workers if several else 0, scheduler=scheduler) as place:
+            for index, result in place.results([(job, str(folder)) for job in missing]):
+                _save(missing[index], result, folder)
+                count += 1
+                if on_progress:
+                    on_progress(count, total, missing[index].name)
 
 
 def is_done(job: Job, folder: Path) -> bool:

@@ -19,7 +19,7 @@ from loco_sim.msd.network import Network, chain
 from loco_sim.msd.params import MsdParams
 from loco_sim.msd.simulation import Drive, MsdSimulation
 
-from ..metrics import signals
+from .. import errors
 from ..reflex.readout import Readout
 from .gait import Gait
 
@@ -237,7 +237,7 @@ def nrmse(log: LoopLog, start: float = 0.0, end: float = np.inf) -> float:
     """Root mean square error of all links over their mean range, between two times [s].
 
     A link that is hardly driven has a range near zero, so ranges are averaged first, as for the
-    joints of a robot (`signals.nrmse`).
+    joints of a robot (`errors.nrmse`).
     """
     rows = (log.t > start) & (log.t <= end)
-    return signals.nrmse(log.target[rows], log.said[rows])
+    return errors.nrmse(log.target[rows], log.said[rows])

@@ -37,6 +37,14 @@ class Results:
         """Numbers of nodes with a gait."""
         return sorted({nodes for nodes, _ in self.gaits})
 
+    @property
+    def loops_by_size(self) -> dict[int, list[Curves]]:
+        """Closed loops of each network size, by repetition."""
+        groups: dict[int, list[Curves]] = {}
+        for (nodes, _), curves in sorted(self.loops.items()):
+            groups.setdefault(nodes, []).append(curves)
+        return groups
+
     def over_sizes(self, value: Callable[[MsdResult], float]) -> dict[int, np.ndarray]:
         """A number of each gait, by network size."""
         return {
@@ -149,15 +157,10 @@ def loop_share(c: Curves) -> float:
 def loop_ratio(r: Results) -> dict[int, float]:
     """Distance in the last 10 s, closed over open loop, summed over repetitions, by size."""
     ratio = {}
-    for n in sorted({n for n, _ in r.loops}):
-        closed, started = (sum(c.values[k] for c in loops_of(r, n)) for k in ("closed", "open"))
+    for n, loops in r.loops_by_size.items():
+        closed, started = (sum(c.values[k] for c in loops) for k in ("closed", "open"))
         ratio[n] = closed / started if abs(started) > 0.01 else 0.0
     return ratio
-
-
-def loops_of(r: Results, nodes: int) -> list[Curves]:
-    """Closed loops of a size, by repetition."""
-    return [c for (n, _), c in sorted(r.loops.items()) if n == nodes]
 
 
 def roughness(c: Curves) -> float:

@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import importlib.resources
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -12,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from loco_control.exceptions import MissingFileError, NameUnknownError, ParameterError
+from loco_control.exceptions import NameUnknownError, ParameterError
 from loco_control.gait.generator import GaitParams
 from loco_control.gait.oscillators import Cpg, CpgParams
 from loco_control.params import Params, from_dict, parameter, to_dict
@@ -26,7 +25,7 @@ from loco_sim.robot import robot as robots
 from loco_sim.robot.robot import Robot
 
 from ..params import OUTPUT_JOINTS, CriterionParams, JointLearnerParams, LearnerParams
-from ..plain import flat, read_yaml
+from ..plain import Collection, flat
 from . import gait_file, quadruped
 
 if TYPE_CHECKING:
@@ -36,6 +35,10 @@ WALKING = {"gait": GaitParams, "trunk": TrunkParams, "stance": StanceParams}
 BLOCKS = {**WALKING, "target": CpgParams}
 KINDS = ("hyq", "joint", "msd")  # kinds of experiments in earlier versions
 NETWORK = ("network", "preset", "loop")  # keys of mass-spring-damper networks only
+FILES = Collection(
+    "experiment", "experiments", hint="; `loco list experiments` shows those by name"
+)
+names = FILES.names
 
 
 def _free(kind: type, doc: str) -> Any:
@@ -175,11 +178,6 @@ class Experiment(Params):
         return round((self.duration or self.learner.duration) * self.control_rate)
 
 
-def names() -> list[str]:
-    """Names of the experiments in the package."""
-    return sorted(path.name[:-5] for path in _folder().iterdir() if path.name.endswith(".yaml"))
-
-
 @understood("whole experiment")
 def load(
     name_or_path: str | Path, overrides: Mapping[str, Any] | None = None
@@ -198,8 +196,8 @@ def load(
         MissingFileError: The file does not exist.
         ParameterError: Broken YAML, a wrong type or a value out of range.
     """
-    path = _find(name_or_path, Path())
-    values = _read(path, ())
+    path = FILES.find(name_or_path)
+    values = FILES.read(path, _extended)
     for key, value in (overrides or {}).items():
         values = merge(values, _nested(key, value))
     values.setdefault("name", path.stem)
@@ -331,41 +329,10 @@ def merge(base: Mapping[str, Any], change: Mapping[str, Any]) -> dict[str, Any]:
     return merged
 
 
-def _read(path: Path, visited: tuple[Path, ...]) -> dict[str, Any]:
-    """Values of a file, merged with those of the file that it extends."""
-    path = path.resolve()
-    if path in visited:
-        raise ParameterError(
-            f"{path} extends itself: {' > '.join(p.stem for p in (*visited, path))}"
-        )
-    values = read_yaml(path)
-    base = values.pop("extends", None)
-    if base is None:
-        return values
-    if not isinstance(base, str):
-        raise ParameterError(f"{path}: extends must be the name of an experiment, got {base!r}")
-    parent = _read(_find(base, path.parent), (*visited, path))
-    for key in ("name", "description"):
-        parent.pop(key, None)
-    return merge(parent, values)
-
-
-def _find(name_or_path: str | Path, folder: Path) -> Path:
-    text = str(name_or_path)
-    if text.endswith((".yaml", ".yml")):
-        path = folder / text
-        if not path.is_file():
-            raise MissingFileError(
-                f"no experiment file {path}; `loco list experiments` shows those by name"
-            )
-        return path
-    if text not in names():
-        raise NameUnknownError("experiment", text, names())
-    return Path(str(_folder() / f"{text}.yaml"))
-
-
-def _folder() -> Any:
-    return importlib.resources.files("loco_learning") / "experiments"
+def _extended(base: Mapping[str, Any], values: Mapping[str, Any]) -> dict[str, Any]:
+    """Values of an experiment, merged with those of the one that it extends."""
+    named = ("name", "description")
+    return merge({key: each for key, each in base.items() if key not in named}, values)
 
 
 def _nested(key: str, value: Any) -> dict[str, Any]:

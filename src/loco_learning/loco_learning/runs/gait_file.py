@@ -8,7 +8,6 @@ controller it is the block `gait` of an experiment.
 from __future__ import annotations
 
 import dataclasses
-import importlib.resources
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -16,16 +15,18 @@ from typing import Any
 
 import yaml
 
-from loco_control.exceptions import MissingFileError, NameUnknownError, ParameterError
+from loco_control.exceptions import NameUnknownError, ParameterError
 from loco_control.files import write_whole
 from loco_control.gait.generator import GaitParams
 from loco_control.gait.oscillators import CpgParams
 from loco_control.params import from_dict, to_dict
 from loco_control.reading import shown, understood
 
-from ..plain import read_yaml
+from ..plain import Collection, read_yaml
 
 FORMAT = 1
+FILES = Collection("gait", "gaits")
+names = FILES.names
 
 
 @dataclass(frozen=True)
@@ -55,11 +56,6 @@ class Gait:
         write_whole(path, head + text)
 
 
-def names() -> list[str]:
-    """Names of the gaits in the package."""
-    return sorted(path.name[:-5] for path in _folder().iterdir() if path.name.endswith(".yaml"))
-
-
 @understood("whole gait")
 def load(name_or_path: str | Path) -> Gait:
     """Read a gait by name or path.
@@ -69,18 +65,8 @@ def load(name_or_path: str | Path) -> Gait:
         MissingFileError: The file does not exist.
         ParameterError: The file is not a gait, of another version, or a value is invalid.
     """
-    text = str(name_or_path)
-    if text.endswith((".yaml", ".yml")):
-        if not Path(text).is_file():
-            raise MissingFileError(f"there is no gait file {text}")
-        return _from_values(text, read_yaml(Path(text)))
-    if text not in names():
-        raise NameUnknownError("gait", text, names())
-    return _from_values(text, read_yaml(Path(str(_folder() / f"{text}.yaml"))))
-
-
-def _from_values(path: str, values: Mapping[str, Any]) -> Gait:
-    values = dict(values)
+    path = FILES.find(name_or_path)
+    values = read_yaml(path)
     header = (values.pop("kind", None), values.pop("format", None))
     if header != ("gait", FORMAT):
         raise ParameterError(
@@ -98,7 +84,3 @@ def _from_values(path: str, values: Mapping[str, Any]) -> Gait:
     kind = GaitParams if legged else CpgParams
     values["target"] = from_dict(kind, values["target"], f"{path}: target")
     return Gait(**values)
-
-
-def _folder() -> Any:
-    return importlib.resources.files("loco_learning") / "gaits"

@@ -138,45 +138,41 @@ def minimise(
         record.close()
 
 
+@dataclass
 class _Loop:
     """Main loop over generations until a reason to end."""
 
-    def __init__(
-        self,
-        problem: Problem,
-        options: PopulationParams,
-        search: Search,
-        record: Evaluations,
-        stop: Callable[[], bool],
-    ):
-        self._problem, self._options, self._search = problem, options, search
-        self._record, self._stop = record, stop
-        self._jobs: pool.Jobs | None = None
-        self._bests: list[float] = []
+    problem: Problem
+    options: PopulationParams
+    search: Search
+    record: Evaluations
+    stop: Callable[[], bool]
+    jobs: pool.Jobs | None = None
+    bests: list[float] = field(default_factory=list)  # value after each generation
 
     def run(self, report: Callable[[Progress], Any] | None) -> Optimum:
         self._started, self._replayed, reason, generation = time.perf_counter(), 0, "", 0
         try:
             while not reason:
                 rows = self._evaluated(generation)
-                if len(rows) < self._search.size:
+                if len(rows) < self.search.size:
                     reason = "stopped"
                     break
-                converged = self._search.tell([row["value"] for row in rows])
+                converged = self.search.tell([row["value"] for row in rows])
                 generation += 1
-                self._bests.append(min([row["value"] for row in rows] + self._bests[-1:]))
+                self.bests.append(min([row["value"] for row in rows] + self.bests[-1:]))
                 reason = self._reason(generation, converged)
                 if report and report(self._progress(generation, rows)) is True:
                     reason = reason or "stopped"
         finally:
-            if self._jobs:
-                self._jobs.close()
+            if self.jobs:
+                self.jobs.close()
         return self._optimum(generation, reason)
 
     def _evaluated(self, generation: int) -> list[dict[str, Any]]:
         """Rows of a generation; those missing in the record are evaluated, in order."""
-        points, sigma = self._search.ask(), self._search.sigma
-        recorded = self._record.generation(generation)
+        points, sigma = self.search.ask(), self.search.sigma
+        recorded = self.record.generation(generation)
         for row, x in zip(recorded, points, strict=False):
             if row["x"] != [float(v) for v in x]:
                 raise ParameterError(
@@ -184,34 +180,34 @@ class _Loop:
                     "version of cma or NumPy?); choose another folder"
                 )
         self._replayed += len(recorded)
-        seeds = [seed_of(self._options.seed, generation, i) for i in range(len(points))]
+        seeds = [seed_of(self.options.seed, generation, i) for i in range(len(points))]
         missing = list(zip(points, seeds, strict=True))[len(recorded) :]
         pending: dict[int, Score] = {}
         for index, result in self._scores(missing):
             pending[len(recorded) + index] = result
-            while (following := len(self._record.generation(generation))) in pending:
+            while (following := len(self.record.generation(generation))) in pending:
                 result = pending.pop(following)
-                self._record.append(generation, following, sigma, points[following], result)
-            if self._stop():
+                self.record.append(generation, following, sigma, points[following], result)
+            if self.stop():
                 break
-        return self._record.generation(generation)
+        return self.record.generation(generation)
 
     def _scores(self, missing: list[tuple[np.ndarray, int]]) -> Iterator[tuple[int, Score]]:
         """Index and score of each point and seed, in order of completion."""
-        o = self._options
-        if missing and self._jobs is None:
-            self._jobs = pool.start(score, (self._problem, o.failure), o.workers, o.scheduler)
+        o = self.options
+        if missing and self.jobs is None:
+            self.jobs = pool.start(score, (self.problem, o.failure), o.workers, o.scheduler)
             self._started = time.perf_counter()
-        for index, result in self._jobs.outcomes(missing) if self._jobs else ():
+        for index, result in self.jobs.outcomes(missing) if self.jobs else ():
             lost = isinstance(result, pool.Failure)  # its process died twice
             yield index, Score(o.failure, result.reason) if lost else result
 
     def _reason(self, generation: int, converged: str) -> str:
         """Reason to end the search after a generation; empty to continue."""
-        o, bests = self._options, self._bests
+        o, bests = self.options, self.bests
         if bests[-1] <= o.target:
             return "target reached"
-        if generation * self._search.size >= o.evaluations:
+        if generation * self.search.size >= o.evaluations:
             return f"{o.evaluations} evaluations done"
         if o.plateau and generation > o.plateau:
             gain = bests[-1 - o.plateau] - bests[-1]
@@ -220,27 +216,27 @@ class _Loop:
         return f"converged ({converged})" if converged else ""
 
     def _progress(self, generation: int, rows: list[dict[str, Any]]) -> Progress:
-        best = min(self._record.rows[: generation * self._search.size], key=_value)
+        best = min(self.record.rows[: generation * self.search.size], key=_value)
         failed = [row["reason"] for row in rows if row["reason"]]
-        done = generation * self._search.size
+        done = generation * self.search.size
         new, elapsed = done - self._replayed, time.perf_counter() - self._started
         rate = new / elapsed if new > 0 and elapsed > 0.0 else math.nan
         return Progress(
             generation=generation,
             evaluations=done,
-            budget=self._options.evaluations,
+            budget=self.options.evaluations,
             best=best["value"],
             median=float(np.median([row["value"] for row in rows])),
-            sigma=self._search.sigma,
+            sigma=self.search.sigma,
             failures=len(failed),
             reason=failed[-1] if failed else "",
             rate=rate,
-            eta=max(0.0, self._options.evaluations - done) / rate,
+            eta=max(0.0, self.options.evaluations - done) / rate,
             x=np.array(best["x"]),
         )
 
     def _optimum(self, generation: int, ended: str) -> Optimum:
-        rows, size = self._record.rows, self._search.size
+        rows, size = self.record.rows, self.search.size
         best = min(rows, key=_value) if rows else {"x": [], "value": math.nan}
         return Optimum(
             x=np.array(best["x"], dtype=float),
@@ -251,7 +247,7 @@ class _Loop:
             generations=generation,
             ended=ended,
             course=columns(rows, size),
-            names=tuple(self._problem.names) if rows else (),
+            names=tuple(self.problem.names) if rows else (),
         )
 
 

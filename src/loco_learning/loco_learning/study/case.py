@@ -1,11 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Case: one run of a study, reduced to the data of tables and figures."""
+"""Case: one run of a study, and its result reduced to the data of tables and figures."""
 
 from __future__ import annotations
 
+import hashlib
 import json
 import time
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -20,12 +22,53 @@ from ..metrics import registry as metrics
 from ..runs.experiment import Experiment, override
 from ..runs.log import Log
 from . import trial
+from .grid import Axis
+from .grid import settings as settings_of
 
 COARSE = 10  # slow curves contain each tenth tick
 FEET_SECONDS = 5.0  # length of the foot heights at the end of a run [s]
 CLOCKED = "step_time"  # the metric that depends on the machine and differs between runs
 REFUSED = "refused"  # failure of a case that the plant cannot run
 TRACE = 3.0  # strides of joint angles from the end of each phase
+
+
+@dataclass(frozen=True)
+class Case:
+    """One run of a study."""
+
+    variant: str
+    seed: int
+    base: Experiment
+    axes: tuple[Axis, ...] = ()
+    point: tuple[int, ...] = ()
+    text: str = ""  # the variant as JSON, if already computed
+
+    @property
+    def name(self) -> str:
+        """Name of the case and of its file."""
+        return "_".join([self.variant, *(f"{i:02d}" for i in self.point), str(self.seed)])
+
+    @property
+    def at(self) -> dict[str, Any]:
+        """Position in the grid: value by axis."""
+        return {axis.name: axis.values[i] for axis, i in zip(self.axes, self.point, strict=True)}
+
+    @property
+    def settings(self) -> dict[str, Any]:
+        """Values of the grid, by dotted name."""
+        return settings_of(self.axes, self.point)
+
+    @cached_property
+    def experiment(self) -> Experiment:
+        """The variant with the settings of the grid."""
+        return override(self.base, self.settings) if self.axes else self.base
+
+    @property
+    def key(self) -> str:
+        """Digest of all inputs of the run."""
+        text = self.text or json.dumps(to_dict(self.base))
+        content = json.dumps([text, self.settings, self.seed])
+        return hashlib.sha256(content.encode()).hexdigest()[:16]
 
 
 @dataclass(frozen=True)
@@ -60,27 +103,11 @@ class CaseResult:
             return cls(**meta, curves=curves)
 
 
-def run_case(
-    name: str,
-    variant: str,
-    seed: int,
-    base: Experiment,
-    settings: dict[str, Any],
-    at: dict[str, Any],
-    key: str,
-    curves: bool = True,
-    timed: bool = False,
-) -> CaseResult:
+def run_case(case: Case, curves: bool = True, timed: bool = False) -> CaseResult:
     """Run one case, in a worker process.
 
     Args:
-        name: Name of the case.
-        variant: Name of its variant.
-        seed: Seed of learner and effects.
-        base: Experiment of the variant.
-        settings: Values of the grid, by dotted name.
-        at: Position in the grid, value by axis.
-        key: Digest of all inputs of the run.
+        case: The case.
         curves: Whether to include curves for figures.
         timed: Whether to include `CLOCKED`.
     """
@@ -88,17 +115,17 @@ def run_case(
     from .compiling import compiling  # loads the compiler
 
     started = time.process_time()
-    experiment = override(base, settings) if settings else base
+    name, variant, seed, experiment = case.name, case.variant, case.seed, case.experiment
     try:
         with compiling() as compiled:
             result = reduce(rollout(experiment, seed), name, variant, curves, timed)
     except ParameterError as error:  # a grid point that cannot be run
-        if not settings:
+        if not case.axes:
             raise
         verdict = trial.Verdict(False, [REFUSED], str(error), 0.0).as_dict()
         result = CaseResult(name, variant, seed, to_dict(experiment), verdict, {})
     seconds = time.process_time() - started - compiled.seconds
-    return replace(result, at=at, key=key, seconds=seconds)
+    return replace(result, at=case.at, key=case.key, seconds=seconds)
 
 
 def reduce(

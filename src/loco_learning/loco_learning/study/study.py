@@ -4,74 +4,36 @@
 from __future__ import annotations
 
 import dataclasses
-import hashlib
-import importlib.resources
 import json
 import logging
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-from loco_control.exceptions import MissingFileError, NameUnknownError, ParameterError
+from loco_control.exceptions import NameUnknownError, ParameterError
 from loco_control.params import to_dict
 from loco_control.reading import understood
 
 from ..jobs import pool
 from ..metrics.registry import METRICS
 from ..params import PHASES
-from ..plain import read_yaml
+from ..plain import Collection
 from ..runs import experiment as experiments
 from ..runs.experiment import Experiment, override
 from . import grid
-from .case import CLOCKED, REFUSED, CaseResult, run_case
+from .case import CLOCKED, REFUSED, Case, CaseResult, run_case
+from .figures import FIGURES
 
 log = logging.getLogger(__name__)
 
-KEYS = (
-    "extends", "name", "description", "variants", "axes", "seeds", "phase", "metrics", "figures",
-    "map", "overrides",
+FILES = Collection(
+    "study", "studies",
+    ("extends", "name", "description", "variants", "axes", "seeds", "phase", "metrics", "figures",
+     "map", "overrides"),
 )  # fmt: skip
+names = FILES.names
 TIMED = 3  # cases that run first, to estimate the cost of the rest
-
-
-@dataclass(frozen=True)
-class Case:
-    """One run of a study."""
-
-    variant: str
-    seed: int
-    base: Experiment
-    axes: tuple[grid.Axis, ...] = ()
-    point: tuple[int, ...] = ()
-    text: str = ""  # the variant as JSON, if already computed
-
-    @property
-    def name(self) -> str:
-        """Name of the case and of its file."""
-        return "_".join([self.variant, *(f"{i:02d}" for i in self.point), str(self.seed)])
-
-    @property
-    def at(self) -> dict[str, Any]:
-        """Position in the grid: value by axis."""
-        return {axis.name: axis.values[i] for axis, i in zip(self.axes, self.point, strict=True)}
-
-    @property
-    def settings(self) -> dict[str, Any]:
-        """Values of the grid, by dotted name."""
-        return grid.settings(self.axes, self.point)
-
-    @cached_property
-    def experiment(self) -> Experiment:
-        """The variant with the settings of the grid."""
-        return override(self.base, self.settings) if self.axes else self.base
-
-    @property
-    def key(self) -> str:
-        """Digest of all inputs of the run."""
-        content = json.dumps([self.text or _text(self.base), self.settings, self.seed])
-        return hashlib.sha256(content.encode()).hexdigest()[:16]
 
 
 @dataclass(frozen=True)
@@ -97,13 +59,13 @@ class Study:
 
         In a grid, a variant without any random draw runs with the first seed only.
         """
-        text_by_name = {name: _text(experiment) for name, experiment in self.variants.items()}
+        texts = {name: json.dumps(to_dict(each)) for name, each in self.variants.items()}
         for k, seed in enumerate(self.seeds):
             for name, experiment in self.variants.items():
                 if k and self.axes and not experiment.draws:
                     continue
                 for point in grid.points(self.axes):
-                    yield Case(name, seed, experiment, self.axes, point, text_by_name[name])
+                    yield Case(name, seed, experiment, self.axes, point, texts[name])
 
     def with_points(self, counts: int | dict[str, int]) -> Study:
         """Copy of the grid with other numbers of points; axes with listed values are unchanged.
@@ -135,15 +97,6 @@ class Cost:
         )
 
 
-def _text(experiment: Experiment) -> str:
-    return json.dumps(to_dict(experiment))
-
-
-def names() -> list[str]:
-    """Names of the studies in the package."""
-    return sorted(path.name[:-5] for path in _folder().iterdir() if path.name.endswith(".yaml"))
-
-
 @understood("whole study")
 def load(
     name_or_path: str | Path,
@@ -162,37 +115,30 @@ def load(
         MissingFileError: The file does not exist.
         ParameterError: Broken YAML or an invalid value.
     """
-    path = _find(name_or_path)
-    values = _read(path)
+    path = FILES.find(name_or_path)
+    values = FILES.read(path, lambda base, values: {**base, **values})
     variants = values.get("variants")
     if not isinstance(variants, dict) or not variants:
         raise ParameterError(f"{path.stem}.variants must name at least one experiment")
     changes = {**values.get("overrides", {}), **(overrides or {})}
     variants_by_name = {str(k): _variant(path, str(k), v, changes) for k, v in variants.items()}
     axes = grid.read_axes(values.get("axes", {}), path.stem)
-    _try(variants_by_name, axes)
+    for experiment in variants_by_name.values() if axes else ():  # both ends of each axis are legal
+        for end in (0, -1):
+            point = tuple(end % len(axis.values) for axis in axes)
+            override(experiment, grid.settings(axes, point))
     return Study(
         name=str(values.get("name", path.stem)),
         description=str(values.get("description", "")),
         variants=variants_by_name,
         seeds=_seeds(path, values.get("seeds", [0]) if seeds is None else seeds),
-        phase=_known("phase", values.get("phase", "test"), PHASES),
-        metrics=_metrics(values.get("metrics", ["nrmse", "speed"])),
-        figures=_figures(values.get("figures", [])),
+        phase=_all_known("phase", [values.get("phase", "test")], PHASES)[0],
+        metrics=_all_known("metric", values.get("metrics", ["nrmse", "speed"]), METRICS),
+        figures=_all_known("figure", values.get("figures", []), FIGURES),
         axes=axes,
         map=grid.read_map(values.get("map"), axes, path.stem, METRICS),
         origins={str(k): (str(v["experiment"]), {**v, **changes}) for k, v in variants.items()},
     )
-
-
-def _try(variants: dict[str, Experiment], axes: tuple[grid.Axis, ...]) -> None:
-    """Make the experiments at both ends of each axis, which raises an error if they are invalid."""
-    if not axes:
-        return
-    first, last = tuple(0 for _ in axes), tuple(len(axis.values) - 1 for axis in axes)
-    for experiment in variants.values():
-        for point in (first, last):
-            override(experiment, grid.settings(axes, point))
 
 
 def run(
@@ -227,7 +173,7 @@ def run(
         and not (timed and any(CLOCKED not in row for row in result.metrics.values()))
     }  # fmt: skip
     missing = [case for case in cases if case.name not in done]
-    first = [missing[i] for i in _repeat(len(missing))] if on_cost else []
+    first = _spread_over(missing) if on_cost else []
     remaining = [case for case in missing if case not in first]
     several, curves = min(workers, len(missing)), bool(study.figures)
     place = pool.start(
@@ -236,11 +182,7 @@ def run(
     with place as jobs:
         folder.mkdir(parents=True, exist_ok=True)
         for batch in (first, remaining):
-            arguments = [
-                (c.name, c.variant, c.seed, c.base, c.settings, c.at, c.key, curves, timed)
-                for c in batch
-            ]
-            for _, result in jobs.results(arguments):
+            for _, result in jobs.results([(case, curves, timed) for case in batch]):
                 result.save(folder / f"{result.name}.npz")
                 done[result.name] = result
                 if progress:
@@ -252,11 +194,10 @@ def run(
     return [done[case.name] for case in cases if case.name in done]
 
 
-def _repeat(count: int) -> list[int]:
-    """Indices of `TIMED` cases from the start, the middle and the end; empty for few cases."""
-    if count < 4 * TIMED:
-        return []
-    return [(2 * k + 1) * count // (2 * TIMED) for k in range(TIMED)]
+def _spread_over(cases: list[Case]) -> list[Case]:
+    """`TIMED` cases from the start, the middle and the end; none of few cases."""
+    count = len(cases)
+    return [cases[(2 * k + 1) * count // (2 * TIMED)] for k in range(TIMED) if count >= 4 * TIMED]
 
 
 def stored(study: Study, folder: str | Path) -> list[CaseResult]:
@@ -275,40 +216,6 @@ def _stored(folder: Path, case: Case) -> CaseResult | None:
         log.warning("%s is run again: %s", case.name, error)
         return None
     return result if result.key == case.key else None
-
-
-def _read(path: Path, after: tuple[Path, ...] = ()) -> dict[str, Any]:
-    """Values of a study file; its keys replace those of the study that it extends."""
-    path = path.resolve()
-    if path in after:
-        names = " > ".join(p.stem for p in (*after, path))
-        raise ParameterError(f"study {path} extends itself: {names}")
-    values = read_yaml(path)
-    for key in values:
-        if key not in KEYS:
-            raise NameUnknownError(f"key in study {path.stem}", key, KEYS)
-    base = values.pop("extends", None)
-    if base is None:
-        return values
-    if not isinstance(base, str):
-        raise ParameterError(f"{path}: extends must be the name of a study, got {base!r}")
-    adjacent = path.parent / base
-    return {**_read(_find(adjacent if adjacent.is_file() else base), (*after, path)), **values}
-
-
-def _find(name_or_path: str | Path) -> Path:
-    text = str(name_or_path)
-    if text.endswith((".yaml", ".yml")):
-        if not Path(text).is_file():
-            raise MissingFileError(f"no study file {text}")
-        return Path(text)
-    if text not in names():
-        raise NameUnknownError("study", text, names())
-    return Path(str(_folder() / f"{text}.yaml"))
-
-
-def _folder() -> Any:
-    return importlib.resources.files("loco_learning") / "studies"
 
 
 def _variant(path: Path, name: str, spec: Any, changes: dict[str, Any]) -> Experiment:
@@ -336,17 +243,8 @@ def _seeds(path: Path, seeds: Any) -> tuple[int, ...]:
     return tuple(seeds)
 
 
-def _known(kind: str, name: Any, names: Any) -> str:
-    if name not in names:
-        raise NameUnknownError(kind, str(name), names)
-    return str(name)
-
-
-def _metrics(requested: Any) -> tuple[str, ...]:
-    return tuple(_known("metric", name, METRICS) for name in requested)
-
-
-def _figures(requested: Any) -> tuple[str, ...]:
-    from .figures import FIGURES
-
-    return tuple(_known("figure", name, FIGURES) for name in requested)
+def _all_known(kind: str, requested: Any, names: Any) -> tuple[str, ...]:
+    for name in requested:
+        if name not in names:
+            raise NameUnknownError(kind, str(name), names)
+    return tuple(map(str, requested))

@@ -13,6 +13,7 @@ from ..reflex.senses import FootForces
 from ..runs import experiment as experiments
 from ..runs.rollout import build, rollout
 from ..study import maps
+from ..study.case import CaseResult
 from ..study.maps import Sheet
 from .evidence import Evidence, column, over
 from .registry import Numbers, measure
@@ -60,13 +61,15 @@ def damping(evidence: Evidence) -> Numbers:
 def compliant_and_stiff(evidence: Evidence) -> Numbers:
     """Open-loop metrics of the stiff robot over those of the compliant one."""
     _, cases = evidence.study("complexity")
-    by_variant = [[c for c in cases if c.variant == name] for name in ("compliant", "stiff")]
+    names = ("stability", "power", "speed", "grf_max")
+    return {f"{name}_ratio": _stiff_over_soft(cases, name, "train") for name in names}
 
-    def ratio(metric: str) -> float:
-        soft, stiff = (float(np.nanmean(column(kind, metric, "train"))) for kind in by_variant)
-        return stiff / soft
 
-    return {f"{m}_ratio": ratio(m) for m in ("stability", "power", "speed", "grf_max")}
+def _stiff_over_soft(cases: list[CaseResult], metric: str, phase: str) -> float:
+    soft, stiff = (
+        float(np.nanmean(column(cases, metric, phase, name))) for name in ("compliant", "stiff")
+    )
+    return stiff / soft
 
 
 def _curves(evidence: Evidence, metric: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -208,17 +211,11 @@ def trajectories(evidence: Evidence) -> Numbers:
     """Error and trunk motion in the test, stiff over compliant, for M and N closest to 50."""
     _, cases = evidence.study("complexity")
     distance = min(abs(c.at["M"] - 50) + abs(c.at["N"] - 50) for c in cases)
-    nearest_cases = [c for c in cases if abs(c.at["M"] - 50) + abs(c.at["N"] - 50) == distance]
-    soft, stiff = (
-        [c for c in nearest_cases if c.variant == name] for name in ("compliant", "stiff")
-    )
-
-    def ratio(metric: str) -> float:
-        return float(
-            np.nanmean(column(stiff, metric, "test")) / np.nanmean(column(soft, metric, "test"))
-        )
-
-    return {"nrmse_ratio": ratio("nrmse"), "shake_ratio": ratio("stability")}
+    closest = [c for c in cases if abs(c.at["M"] - 50) + abs(c.at["N"] - 50) == distance]
+    return {
+        "nrmse_ratio": _stiff_over_soft(closest, "nrmse", "test"),
+        "shake_ratio": _stiff_over_soft(closest, "stability", "test"),
+    }
 
 
 @measure
@@ -241,7 +238,7 @@ def real_like(evidence: Evidence) -> Numbers:
     _, cases = evidence.study("real_like")
 
     def of(variant: str, metric: str) -> float:
-        values = column([c for c in cases if c.variant == variant], metric, "test")
+        values = column(cases, metric, "test", variant)
         return float(np.nanmean(values)) if np.isfinite(values).any() else np.nan
 
     cases_of_variant = [c for c in cases if c.variant == "real_like"]

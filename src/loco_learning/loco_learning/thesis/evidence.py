@@ -134,9 +134,19 @@ class Evidence:
         return self._read[name]
 
 
-def column(cases: Sequence[CaseResult], metric: str, phase: str) -> np.ndarray:
-    """A metric of a phase, one value per case; NaN if the phase was not reached."""
-    return np.array([case.metrics.get(phase, {}).get(metric, np.nan) for case in cases])
+def column(
+    cases: Sequence[CaseResult], metric: str, phase: str, variant: str = ""
+) -> np.ndarray:
+    """A metric of a phase, one value per case; NaN if the phase was not reached.
+
+    Args:
+        cases: Cases of a study.
+        metric: Name of the metric.
+        phase: Name of the phase.
+        variant: Variant whose cases count; empty for all.
+    """
+    selected = (case for case in cases if variant in ("", case.variant))
+    return np.array([case.metrics.get(phase, {}).get(metric, np.nan) for case in selected])
 
 
 def over(

@@ -133,16 +133,8 @@ def judge(claim: Claim, evidence: Any) -> Verdict:
                                                                strict=True))  # fmt: skip
             verdict = AGREES if all(fits) else DISAGREES
     explanation = claim.why if verdict == DISAGREES else ""
-    return Verdict(
-        claim.number,
-        claim.item,
-        claim.says,
-        claim.wanted,
-        text,
-        verdict,
-        claim.evidence,
-        explanation,
-    )
+    about = claim.number, claim.item, claim.says, claim.wanted
+    return Verdict(*about, text, verdict, claim.evidence, explanation)
 
 
 def _text(value: float) -> str:
