@@ -1,15 +1,17 @@
 # SPDX-License-Identifier: Apache-2.0
 """Values that do not fit an annotation are one line with place, wish and value."""
 
+import math
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Literal, TypedDict
 
 import numpy as np
 import pytest
 
-from loco_control.checks import Between, Naming, check, check_file, checked, read_as
-from loco_control.exceptions import MissingFileError, ParameterError
+from loco_control.checks import Between, Naming, check, check_file, checked, keys_of
+from loco_control.exceptions import ParameterError
 
 
 class Row(TypedDict):
@@ -19,6 +21,18 @@ class Row(TypedDict):
 
 class More(Row, total=False):
     note: str
+
+
+@dataclass
+class Part:
+    speed: float
+    note: str = ""
+
+
+@dataclass
+class Whole:
+    parts: tuple[Part, ...]
+    table: dict[str, float]
 
 
 RIGHT = [
@@ -78,23 +92,29 @@ def test_what_does_not_fit_is_one_short_line(value, hint, words):
     assert "\n" not in str(error.value) and len(str(error.value)) < 300
 
 
-def test_values_of_a_file_name_file_and_key(tmp_path):
-    path = tmp_path / "a.json"
-    path.write_text('{"name": "a", "size": 1}')
-    assert read_as(path, Row) == {"name": "a", "size": 1}
-    for text, words in (
-        ('{"name": "a", "size": NaN}', "a.json: size must be a whole number, got nan"),
-        ('{"name": "a"}', "a.json: it lacks the key 'size'"),
-        ("[]", r"a.json: it must be a mapping, got \[\]"),
-        ("{", "a.json, line 1, is not JSON"),
+def test_values_of_a_file_name_file_and_key():
+    check_file({"name": "a", "size": 1}, Row, "a.json")
+    for values, words in (
+        ({"name": "a", "size": math.nan}, "a.json: size must be a whole number, got nan"),
+        ({"name": "a"}, "a.json: it lacks the key 'size'"),
+        ([], r"a.json: it must be a mapping, got \[\]"),
     ):
-        path.write_text(text)
         with pytest.raises(ParameterError, match=words):
-            read_as(path, Row)
-    with pytest.raises(MissingFileError):
-        read_as(tmp_path / "b.json", Row)
-    with pytest.raises(ParameterError, match="b.yaml: size must be"):
-        check_file({"name": "a", "size": "b"}, Row, "b.yaml")
+            check_file(values, Row, "a.json")
+
+
+def test_keys_of_a_file_are_the_fields_of_its_dataclass():
+    keys = keys_of(Whole, count=int)
+    right = {"parts": [{"speed": math.nan}], "table": {"a": 1}, "count": 2}
+    check(right, keys, "")
+    for wrong, words in (
+        ({"parts": [{}]}, r"parts\[0\] lacks the key 'speed'"),
+        ({"parts": [{"speed": "a"}]}, r"parts\[0\].speed must be a number"),
+        ({"table": {"a": "b"}}, "table.a must be a number"),
+        ({"count": 1.5}, "count must be a whole number"),
+    ):
+        with pytest.raises(ParameterError, match=words):
+            check({**right, **wrong}, keys, "")
 
 
 @checked

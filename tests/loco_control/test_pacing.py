@@ -1,12 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Deadlines do not drift, a stall costs what it must and no more, lateness is told rightly."""
 
-import time
-
 import numpy as np
 import pytest
 
-from loco_control.pacing import Deadlines, Lateness, sleep_until
+from loco_control.pacing import Deadlines, Lateness
 
 
 class Clock:
@@ -91,10 +89,3 @@ def test_the_report_is_in_milliseconds():
     report = ticks.report()
     assert report["lateness_max_ms"] == pytest.approx(2.0)
     assert report["missed_ticks"] == report["dropped_ticks"] == 0
-
-
-def test_sleep_until_never_wakes_early_and_returns_at_once_from_the_past():
-    deadline = time.monotonic() + 0.01
-    sleep_until(deadline)
-    assert time.monotonic() >= deadline
-    sleep_until(0.0)

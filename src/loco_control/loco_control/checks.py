@@ -8,6 +8,7 @@ its arguments. The error is one line that names the location, the expected type 
 from __future__ import annotations
 
 import collections.abc
+import dataclasses
 import functools
 import inspect
 import math
@@ -21,7 +22,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from .exceptions import ParameterError
-from .reading import read_json, shown
+from .reading import shown
 
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -101,16 +102,25 @@ def check_file(values: Any, hint: Any, path: str | Path) -> None:
         raise ParameterError(f"{path}: {error}") from None
 
 
-def read_as(path: str | Path, hint: Any, what: str = "file") -> Any:
-    """Values of a JSON file that fit an annotation.
+def keys_of(kind: type, **added: Any) -> Any:
+    """`TypedDict` of the values of a dataclass in a file: its fields without a default.
 
-    Raises:
-        MissingFileError: There is no such file.
-        ParameterError: The file is not JSON, or its values do not fit the annotation.
+    A number may be NaN; the annotation of a nested dataclass is that of its fields.
+
+    Args:
+        kind: The dataclass.
+        added: Annotations of further keys, or in place of those of the fields.
     """
-    values = read_json(path, what)
-    check_file(values, hint, path)
-    return values
+    fields = [f.name for f in dataclasses.fields(kind) if f.default is f.default_factory]
+    keys = {name: _in_file(_hints(kind)[name]) for name in fields}
+    return typing.TypedDict(kind.__name__, {**keys, **added})  # type: ignore[operator]
+
+
+def _in_file(hint: Any) -> Any:
+    if dataclasses.is_dataclass(hint):
+        return keys_of(hint)
+    inner = tuple(map(_in_file, typing.get_args(hint)))
+    return typing.get_origin(hint)[inner] if inner else numbers.Real if hint is float else hint
 
 
 def _inside(name: str, key: str) -> str:

@@ -7,7 +7,6 @@ a late tick does not delay the next one.
 
 from __future__ import annotations
 
-import ctypes
 import math
 import time
 from collections.abc import Callable
@@ -15,8 +14,6 @@ from typing import Any
 
 import numpy as np
 
-_LIBC = ctypes.CDLL(None, use_errno=True)
-_CLOCK_MONOTONIC, _TIMER_ABSTIME = 1, 1
 _FINE, _PER_DECADE, _DECADES = 1e-6, 100, 7  # bins of lateness: from 1 µs to 10 s, 2.3 % each
 
 
@@ -100,14 +97,3 @@ class Deadlines:
             "missed_ticks": self.missed,
             "dropped_ticks": self.dropped,
         }
-
-
-class _Timespec(ctypes.Structure):
-    _fields_ = (("seconds", ctypes.c_long), ("nanoseconds", ctypes.c_long))
-
-
-def sleep_until(deadline: float) -> None:
-    """Sleep until a time of `time.monotonic` [s], or until a signal."""
-    seconds = int(deadline)
-    until = _Timespec(seconds, int((deadline - seconds) * 1e9))
-    _LIBC.clock_nanosleep(_CLOCK_MONOTONIC, _TIMER_ABSTIME, ctypes.byref(until), None)

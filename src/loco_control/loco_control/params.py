@@ -74,9 +74,8 @@ class Params:
         return dataclasses.replace(self, **changes)
 
 
-_field_types = functools.cache(
-    typing.get_type_hints
-)  # cached: reading annotations dominates the run time
+# Cached, since reading annotations dominates the run time.
+_field_types = functools.cache(typing.get_type_hints)
 
 
 def from_dict(cls: type[T], values: dict[str, Any] | None, where: str = "") -> T:

@@ -9,6 +9,7 @@ import os
 import resource
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 from .exceptions import ParameterError
 from .params import Params, parameter
@@ -55,64 +56,45 @@ def prepare(requests: RealtimeParams) -> list[str]:
     Returns:
         A line for each request: granted, or refused with the reason.
     """
-    steps: list[tuple[str, Callable[[], None], str]] = []
+    lines = []
     if requests.fifo:
-        need = "CAP_SYS_NICE or a higher `ulimit -r`"
-        steps.append((f"SCHED_FIFO {requests.fifo}", lambda: _fifo(requests.fifo), need))
+        need, rule = "CAP_SYS_NICE or a higher `ulimit -r`", os.sched_param(requests.fifo)
+        call = _of_all_threads, os.sched_setscheduler, os.SCHED_FIFO, rule
+        lines.append(_granted(f"SCHED_FIFO {requests.fifo}", need, *call))
     if requests.cpus:
-        cores = f"one of {_listed(os.sched_getaffinity(0))}"
-        steps.append((f"processors {requests.cpus}", lambda: _pin(requests.cpu_set()), cores))
+        need = f"one of {', '.join(map(str, sorted(os.sched_getaffinity(0))))}"
+        call = _of_all_threads, os.sched_setaffinity, requests.cpu_set()
+        lines.append(_granted(f"processors {requests.cpus}", need, *call))
     if requests.lock_memory:
-        need = f"CAP_IPC_LOCK or a higher `ulimit -l` ({_memory_limit()})"
-        steps.append(("memory locked", _lock, need))
+        soft = resource.getrlimit(resource.RLIMIT_MEMLOCK)[0]
+        limit = "unlimited" if soft == resource.RLIM_INFINITY else f"{soft // 1024} KiB"
+        need = f"CAP_IPC_LOCK or a higher `ulimit -l` ({limit})"
+        call = _LIBC.mlockall, _MCL_CURRENT | _MCL_FUTURE | _MCL_ONFAULT
+        lines.append(_granted("memory locked", need, _checked, *call))
     if requests.timer_slack:
-        slack = requests.timer_slack
-        steps.append((f"timer slack {slack} ns", lambda: _slack(slack), "Linux"))
-    return [_try(*request) for request in steps]
+        call = _LIBC.prctl, _PR_SET_TIMERSLACK, requests.timer_slack, 0, 0, 0
+        lines.append(_granted(f"timer slack {requests.timer_slack} ns", "Linux", _checked, *call))
+    return lines
 
 
-def _try(name: str, request: Callable[[], None], need: str) -> str:
+def _granted(name: str, need: str, request: Callable, *arguments: Any) -> str:
+    """Line on a request, which is called."""
     try:
-        request()
+        request(*arguments)
     except OSError as error:
         return f"{name}: refused ({error.strerror}; needs {need})"
     return f"{name}: granted"
 
 
-def _of_all_threads(request: Callable[[int], None]) -> None:
+def _of_all_threads(request: Callable, *arguments: Any) -> None:
     """Apply a request to each thread of this process; threads that have just ended are ignored."""
     for name in os.listdir("/proc/self/task"):
         with contextlib.suppress(ProcessLookupError):
-            request(int(name))
+            request(int(name), *arguments)
 
 
-def _fifo(priority: int) -> None:
-    parameters = os.sched_param(priority)
-    _of_all_threads(lambda thread: os.sched_setscheduler(thread, os.SCHED_FIFO, parameters))
-
-
-def _pin(cpus: set[int]) -> None:
-    _of_all_threads(lambda thread: os.sched_setaffinity(thread, cpus))
-
-
-def _lock() -> None:
-    _check(_LIBC.mlockall(_MCL_CURRENT | _MCL_FUTURE | _MCL_ONFAULT))
-
-
-def _slack(nanoseconds: int) -> None:
-    _check(_LIBC.prctl(_PR_SET_TIMERSLACK, nanoseconds, 0, 0, 0))
-
-
-def _check(result: int) -> None:
-    if result:
+def _checked(function: Callable, *arguments: int) -> None:
+    """Call a function of the C library; an error raises."""
+    if function(*arguments):
         number = ctypes.get_errno()
         raise OSError(number, os.strerror(number))
-
-
-def _memory_limit() -> str:
-    soft = resource.getrlimit(resource.RLIMIT_MEMLOCK)[0]
-    return "unlimited" if soft == resource.RLIM_INFINITY else f"{soft // 1024} KiB"
-
-
-def _listed(cpus: set[int]) -> str:
-    return ", ".join(map(str, sorted(cpus)))

@@ -4,6 +4,7 @@
 import numpy as np
 import pytest
 
+from loco_learning.params import LearnerParams
 from loco_learning.reflex.reservoir import DelayLine, ElmLayer, GrfFilter
 
 
@@ -43,7 +44,8 @@ def test_grf_filter_silences_forces_below_its_threshold():
 )
 def test_hidden_layer_is_activation_of_an_affine_map(activation, law):
     rng = np.random.default_rng(2)
-    layer = ElmLayer(30, 7, 0.5, 2.0, activation, rng)
+    params = LearnerParams(neurons=7, hidden_bias=2.0, activation=activation)
+    layer = ElmLayer(30, 0.5, params, rng)
     v = rng.normal(size=30)
     np.testing.assert_allclose(layer.step(v), law(layer.weights.T @ v + layer.bias), rtol=1e-12)
     assert np.abs(layer.weights).max() <= 0.5
@@ -52,7 +54,7 @@ def test_hidden_layer_is_activation_of_an_affine_map(activation, law):
 
 def test_hidden_weights_come_from_the_generator_alone():
     def drawn(seed):
-        return ElmLayer(30, 7, 0.5, 0.0, "tanh", np.random.default_rng(seed)).weights
+        return ElmLayer(30, 0.5, LearnerParams(neurons=7), np.random.default_rng(seed)).weights
 
     np.testing.assert_array_equal(drawn(3), drawn(3))
     assert not np.array_equal(drawn(3), drawn(4))

@@ -6,13 +6,15 @@ import pytest
 
 from loco_control.exceptions import ParameterError
 from loco_learning.reinforce.gradient import PolicyGradient, directions
+from loco_learning.reinforce.params import ReinforceParams
 
 
 def rule(seed=0, batch=8, step=2.0, momentum=0.0):
     rng = np.random.default_rng(5)
     activity = rng.standard_normal((400, 6)) @ rng.standard_normal((6, 20))
     basis = directions(activity, 6)
-    return PolicyGradient(np.zeros((20, 4)), basis, 0.1, step, momentum, batch, seed)
+    settings = {"step": step, "momentum": momentum, "batch": batch, "seed": seed}
+    return PolicyGradient(np.zeros((20, 4)), basis, ReinforceParams(exploration=0.1, **settings))
 
 
 def test_a_perturbation_moves_every_output_by_sigma():

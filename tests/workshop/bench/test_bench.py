@@ -3,13 +3,14 @@
 
 import json
 import re
+import time
 
 import pytest
 
 from loco_bringup.cli.table import call
 from loco_control.exceptions import NameUnknownError
 from loco_sim.engines import ENGINES
-from loco_workshop.bench import bench
+from loco_workshop.bench import bare_loop, bench
 from loco_workshop.bench import bolted as bench_bolted
 from loco_workshop.bench import engines as bench_engines
 from loco_workshop.bench import ground as bench_ground
@@ -87,3 +88,10 @@ def test_realtime_bench_has_the_graph_beside_the_bare_loop(tmp_path):
         assert int(row["missed"].split()[-1]) >= 500
     for row in rows[::3]:
         assert "hold" in row["targets"] or "refused" in row["targets"]
+
+
+def test_sleep_until_never_wakes_early_and_returns_at_once_from_the_past():
+    deadline = time.monotonic() + 0.01
+    bare_loop.sleep_until(deadline)
+    assert time.monotonic() >= deadline
+    bare_loop.sleep_until(0.0)

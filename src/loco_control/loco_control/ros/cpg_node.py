@@ -3,11 +3,9 @@
 
 from __future__ import annotations
 
-import sys
-
 from ..gait.oscillators import Cpg, CpgParams
 from ..names import LEGS, joint_name
-from .executor import run_nodes
+from .executor import entry
 from .messages.joint_codec import FRAME, JointCodec, Joints, stamp_ns, tick_of
 from .messages.joint_topics import JOINT_TOPICS
 from .node import LocoNode
@@ -54,10 +52,7 @@ class CpgNode(JointNode):
         self._publish(self._pack(t, *self.cpg.step(t)))
 
 
-def main(args: list[str] | None = None) -> None:
-    """Entry point of ``ros2 run loco_control cpg``."""
-    sys.exit(run_nodes([CpgNode], args))
-
+main = entry(CpgNode)  # ``ros2 run loco_control cpg``
 
 if __name__ == "__main__":
     main()

@@ -12,6 +12,7 @@ import contextlib
 import gc
 import logging
 import signal
+import sys
 import time
 from collections.abc import Callable, Sequence
 from typing import Any
@@ -33,9 +34,8 @@ log = logging.getLogger(__name__)
 
 _CHECK_PERIOD = 0.2  # wall time between two checks for a signal [s]
 _SLICE = 5.0  # longest wait in C++ [s]
-_WAKE_MARGIN = (
-    1e-4  # wake this long before a deadline, then poll the clock: waking takes 0.05 ms [s]
-)
+# Wake this long before a deadline, then poll the clock, since waking takes 0.05 ms [s].
+_WAKE_MARGIN = 1e-4
 _BURST = 20  # messages handled between two late ticks
 
 
@@ -94,6 +94,15 @@ def run_nodes(makers: Sequence[Callable[[], Node]], args: list[str] | None = Non
         # process; an ignored signal stays ignored.
         signal.signal(signal.SIGINT, signal.SIG_IGN)
     return code
+
+
+def entry(node: type[Node]) -> Callable[[list[str] | None], None]:
+    """Entry point of a process with one node, for ``ros2 run`` and ``python -m``."""
+
+    def main(args: list[str] | None = None) -> None:
+        sys.exit(run_nodes([node], args))
+
+    return main
 
 
 def _listen() -> list[int]:

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import functools
 import importlib
-import sys
 from collections.abc import Iterator
 from typing import Any
 
@@ -19,7 +18,7 @@ from std_msgs.msg import UInt64
 
 from .. import faults
 from ..exceptions import ParameterError
-from .executor import run_nodes
+from .executor import entry
 from .in_process import raw
 from .messages.codec import Codec
 from .messages.convert import TICK
@@ -217,10 +216,7 @@ def _edges(faults_by_topic: list[tuple[str, faults.Fault]]) -> Iterator[tuple[fl
             yield fault.stop, "fault over", text
 
 
-def main(args: list[str] | None = None) -> None:
-    """Entry point of ``ros2 run loco_control faults``."""
-    sys.exit(run_nodes([FaultNode], args))
-
+main = entry(FaultNode)  # ``ros2 run loco_control faults``
 
 if __name__ == "__main__":
     main()

@@ -56,7 +56,7 @@ class TickJoin:
         self._step, self._meter = step, meter
         self._newest, self._refuse = newest, refuse
         self._waiting: dict[str, dict[int, bytes]] = {name: {} for name in readers}  # by tick
-        self._heard = -1  # tick of the message received last
+        self._last_tick = -1  # tick of the message received last
         self._period = 0  # smallest difference between two ticks, 0: unknown
         self._has_begun = -1  # tick of the last message of the first topic
         self.done = -1  # newest tick answered
@@ -64,11 +64,8 @@ class TickJoin:
 
     def receiver(self, name: str) -> Callable[[bytes], None]:
         """Callback for the raw bytes of one topic."""
-        tick_of, own_messages, other_messages = (
-            self._tick_of,
-            self._waiting[name],
-            self._waiting.values(),
-        )
+        tick_of, own_messages = self._tick_of, self._waiting[name]
+        other_messages = self._waiting.values()
         first, count = own_messages is next(iter(other_messages)), len(self._readers)
 
         def receive(data: bytes) -> None:
@@ -81,7 +78,7 @@ class TickJoin:
                 self.stale += 1
                 if not first or not self._set_back(tick):
                     return
-            own_messages[tick], self._heard = data, tick
+            own_messages[tick], self._last_tick = data, tick
             matches = [messages[tick] for messages in other_messages if tick in messages]
             if len(matches) == count:
                 self._answer(tick, matches)
@@ -92,9 +89,8 @@ class TickJoin:
 
     def _forget_early(self, own_messages: dict[int, bytes]) -> None:
         """Discard messages that are ahead of the first topic: their clock was wrong."""
-        for tick in [
-            t for t in own_messages if self._period and t > self._has_begun + self._period
-        ]:
+        latest = self._has_begun + self._period
+        for tick in [t for t in own_messages if self._period and t > latest]:
             del own_messages[tick]
             self.stale += 1
 
@@ -110,7 +106,7 @@ class TickJoin:
 
     def missing(self) -> list[str]:
         """Topics whose message for the next step is missing."""
-        return [name for name, messages in self._waiting.items() if self._heard not in messages]
+        return [name for name, messages in self._waiting.items() if self._last_tick not in messages]
 
     def _answer(self, tick: int, messages_of_tick: list[bytes]) -> None:
         readers = self._readers.values()

@@ -32,9 +32,8 @@ __all__ = ["LocoNode"]
 
 _STEADY = Clock(clock_type=ClockType.STEADY_TIME)
 _NO_NUMBERS = "numbers that are not finite"
-_SETTLE_TIME = (
-    0.2  # endpoints must be matched this long before a node is ready; discovery takes time [s]
-)
+# Endpoints must be matched this long before a node is ready, since discovery takes time [s].
+_SETTLE_TIME = 0.2
 _LAST_TICK, _LAST_TIME = 2**64 - 1, 2.0**31  # largest tick and time [s] of a message
 _LONGEST = 2000  # longest text of an event, which may quote input of any length [characters]
 

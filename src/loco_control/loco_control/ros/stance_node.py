@@ -3,15 +3,13 @@
 
 from __future__ import annotations
 
-import sys
-
 from std_msgs.msg import String
 
 from ..exceptions import LocoError
 from ..stance.controller import StanceController, StanceParams
 from ..stance.trunk import TrunkParams
 from ..types import GaitTarget, MotionCommand, RobotState, Stance, TrunkTorque
-from .executor import run_nodes
+from .executor import entry
 from .messages.convert import Converter, blank
 from .node import LocoNode
 from .parameters import declare, declare_legs, on_change
@@ -31,10 +29,8 @@ class StanceControllerNode(LocoNode):
         self.controller.reset()
         on_change(self, {"stance.estimator": self.controller.set_estimator})
         self._stance, self._pack_stance = self.raw_output("stance"), Converter(Stance).pack
-        self._torque, self._pack_torque = (
-            self.raw_output("trunk_torque"),
-            Converter(TrunkTorque).pack,
-        )
+        self._torque = self.raw_output("trunk_torque")
+        self._pack_torque = Converter(TrunkTorque).pack
         self.input("stance_estimator", self._on_estimator)
         self._join = self.join(
             {"robot_state": RobotState, "gait_target": GaitTarget, "motion_command": MotionCommand},
@@ -55,10 +51,7 @@ class StanceControllerNode(LocoNode):
             self.refuse("stance_estimator", str(error))
 
 
-def main(args: list[str] | None = None) -> None:
-    """Entry point of ``ros2 run loco_control stance_controller``."""
-    sys.exit(run_nodes([StanceControllerNode], args))
-
+main = entry(StanceControllerNode)  # ``ros2 run loco_control stance_controller``
 
 if __name__ == "__main__":
     main()

@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import sys
 from typing import Any
 
 from geometry_msgs.msg import TwistStamped
@@ -12,7 +11,7 @@ from std_msgs.msg import Float64
 from ..exceptions import LocoError
 from ..gait.generator import LIVE, TWIST, GaitParams, TargetGenerator
 from ..types import GaitTarget, RobotState
-from .executor import run_nodes
+from .executor import entry
 from .messages.convert import Converter
 from .node import LocoNode
 from .parameters import declare, declare_legs, on_change
@@ -26,8 +25,9 @@ class TargetGeneratorNode(LocoNode):
         dt = 1.0 / self.declare_parameter("control_rate", 250.0).value
         live = frozenset(f"gait.{name}" for name in LIVE)
         gait = declare(self, GaitParams(), "gait.", live)
-        self.generator = TargetGenerator(gait, dt, declare_legs(self))
-        on_change(self, {f"gait.{name}": self._setter(name) for name in LIVE})
+        self.generator = generator = TargetGenerator(gait, dt, declare_legs(self))
+        setters = {name: lambda value, name=name: generator.set(**{name: value}) for name in LIVE}
+        on_change(self, {f"gait.{name}": setter for name, setter in setters.items()})
         self._clipped = ""  # difference between the last `cmd_vel` and the followed velocity
         self._publish = self.raw_output("gait_target")
         self._pack = Converter(GaitTarget).pack
@@ -39,9 +39,6 @@ class TargetGeneratorNode(LocoNode):
     def _step(self, state: RobotState) -> None:
         self._publish(self._pack(self.generator.step(state)))
 
-    def _setter(self, name: str):
-        return lambda value: self.generator.set(**{name: value})
-
     def _on_velocity(self, message: TwistStamped) -> None:
         linear, angular = message.twist.linear, message.twist.angular
         requested = (linear.x, linear.y, angular.z)
@@ -51,22 +48,18 @@ class TargetGeneratorNode(LocoNode):
         except LocoError as error:
             self.refuse("cmd_vel", str(error))
             return
-        self._clipped = (
-            "" if tuple(followed.values()) == requested else _difference(requested, followed)
-        )
-        if self._clipped:
+        clipped = tuple(followed.values()) != requested
+        self._clipped = _difference(requested, followed) if clipped else ""
+        if clipped:
             self.get_logger().warning(f"cmd_vel: {self._clipped}")
             self.event("clipped", f"cmd_vel: {self._clipped}", self._join.done + 1)
 
     def _on_frequency(self, message: Float64) -> None:
-        self._try("gait_frequency", frequency=message.data)
-
-    def _try(self, topic: str, **change: float) -> None:
-        self.heard(topic, *change.values(), self._join.done + 1)
+        self.heard("gait_frequency", message.data, self._join.done + 1)
         try:
-            self.generator.set(**change)
+            self.generator.set(frequency=message.data)
         except LocoError as error:
-            self.refuse(topic, str(error))
+            self.refuse("gait_frequency", str(error))
 
     def diagnose(self) -> dict[str, Any]:
         """Note on the reduction of the last velocity command, for /diagnostics."""
@@ -80,10 +73,7 @@ def _difference(requested: tuple[float, ...], followed: dict[str, float]) -> str
     return f"{', '.join(cut)}: out of range, or of reach of the legs"
 
 
-def main(args: list[str] | None = None) -> None:
-    """Entry point of ``ros2 run loco_control target_generator``."""
-    sys.exit(run_nodes([TargetGeneratorNode], args))
-
+main = entry(TargetGeneratorNode)  # ``ros2 run loco_control target_generator``
 
 if __name__ == "__main__":
     main()

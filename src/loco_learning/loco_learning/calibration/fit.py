@@ -127,7 +127,9 @@ class Calibration:
             ParameterError: The folder has another search, or the scheduler does not respond.
         """
         course = _Course(self.parameters, on_progress)
-        budget, run, reason = self._budget(), 0, ""
+        o, run, reason = self.options, 0, ""
+        budget = o.generations * o.population
+        budget = min(budget, o.evaluations) if o.evaluations else budget
         while not reason:
             place = Path(folder) / f"run_{run}" if folder else None
             search = self._search(run, budget - course.evaluations, workers, scheduler)
@@ -142,18 +144,13 @@ class Calibration:
             run += 1
             if self._cancelled:
                 reason = "cancelled"
-            elif budget - course.evaluations < self.options.population:
+            elif budget - course.evaluations < o.population:
                 reason = f"{course.evaluations} evaluations, {run} starts"
-        before = self.before.error[self.options.loss]
+        before = self.before.error[o.loss]
         values, error = course.values, course.best
         if not error < before:
             values, error = self.parameters.default, before
-        return Fit(self.options.seed, values, error, before, course.history, reason)
-
-    def _budget(self) -> int:
-        o = self.options
-        max_evaluations = o.generations * o.population
-        return min(max_evaluations, o.evaluations) if o.evaluations else max_evaluations
+        return Fit(o.seed, values, error, before, course.history, reason)
 
     def _search(self, run: int, budget: int, workers: int, scheduler: str) -> PopulationParams:
         o = self.options

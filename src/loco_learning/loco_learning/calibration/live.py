@@ -147,15 +147,12 @@ class GapMeter:
         self._next_look = end + 0.95 * measured_values.period + SETTLED
         (since, _), model_values = model
         self._newest = end
-        gap, lag = mawe.thesis(
-            measured_values.mean, model_values.mean, measured_values.period, self._window
-        )
-        shift = round(lag / measured_values.period * segments.POINTS)
-        joints = np.abs(measured_values.mean - np.roll(model_values.mean, shift, axis=0)).mean(
-            axis=0
-        )
+        robot, body, period = measured_values.mean, model_values.mean, measured_values.period
+        gap, lag = mawe.thesis(robot, body, period, self._window)
+        shifted = np.roll(body, round(lag / period * segments.POINTS), axis=0)
         self._number += 1
-        return Gap(self._number - 1, end, since, gap, lag, joints, measured_values.period)
+        joints = np.abs(robot - shifted).mean(axis=0)
+        return Gap(self._number - 1, end, since, gap, lag, joints, period)
 
     def _last_period(
         self, signals: Signals, after: float = -np.inf

@@ -182,10 +182,8 @@ def replay(model: Model, commands: Commands, seed: int = 0) -> Replay:
     """
     robot, t = model.make_robot(), commands.t
     dt = 1.0 / round(1.0 / float(t[1] - t[0]), 3)  # time stamps are rounded, rates are not
-    command_arrays, listened = (
-        _make_commands(robot, commands),
-        [robot.joints.index(j) for j in compared(robot)],
-    )
+    command_arrays = _make_commands(robot, commands)
+    listened = [robot.joints.index(j) for j in compared(robot)]
     q = np.empty((len(t), len(listened)))
     with Simulation(None, model.make_effects(), seed, dt, robot) as sim:
         for row, state in enumerate(sim.follow(command_arrays)):

@@ -12,7 +12,7 @@ from typing import Any, TypedDict
 
 import numpy as np
 
-from loco_control.checks import check_file
+from loco_control.checks import check_file, keys_of
 from loco_control.exceptions import ParameterError
 from loco_control.files import write_whole
 from loco_control.reading import read_json, shown
@@ -24,43 +24,6 @@ from .progress import Fit, fit_from_dict
 
 FORMAT = 2
 FILE = "calibration.json"
-
-
-class _Options(TypedDict):
-    loss: str
-    parameters: str
-
-
-class _Fit(TypedDict):
-    seed: int
-    values: dict[str, float]
-    error: numbers.Real
-    before: numbers.Real
-    ended: str
-    history: list[dict[str, Any]]
-
-
-class _Comparison(TypedDict):
-    name: str
-    fitted: bool
-    period: float
-    count: int
-    before: dict[str, numbers.Real]
-    after: dict[str, numbers.Real]
-    lag_before: numbers.Real
-    lag_after: numbers.Real
-    fall_before: str
-    fall_after: str
-    curves: dict[str, list[list[numbers.Real]]]
-
-
-class _File(TypedDict):
-    robot: str
-    surrogate: bool
-    options: _Options
-    joints: list[str]
-    fits: list[_Fit]
-    comparisons: list[_Comparison]
 
 
 @dataclass(frozen=True)
@@ -166,6 +129,16 @@ class Result:
         return write_whole(Path(folder) / FILE, json.dumps({"format": FORMAT, **values}) + "\n")
 
 
+class _Options(TypedDict):
+    loss: str
+    parameters: str
+
+
+_CURVES = dict[str, list[list[numbers.Real]]]
+_COMPARISONS = list[keys_of(Comparison, curves=_CURVES)]  # type: ignore[misc]
+_FILE = keys_of(Result, options=_Options, comparisons=_COMPARISONS)
+
+
 def load(folder: str | Path) -> Result:
     """Read a file of `Result.save`.
 
@@ -184,7 +157,7 @@ def load(folder: str | Path) -> Result:
             f"{path} is a calibration result of format {shown(version)}; "
             f"this version reads {FORMAT}"
         )
-    check_file(values, _File, path)
+    check_file(values, _FILE, path)
     if not values["fits"] or not values["comparisons"]:
         raise ParameterError(f"{path}: fits and comparisons must have one entry or more")
     try:

@@ -58,9 +58,7 @@ class ReflexNetwork:
         rng = np.random.default_rng([seed, zlib.crc32(b"reflex")])
         p, size = params, senses.size
         self.delay_line = DelayLine(p.memory, size)
-        self.hidden = ElmLayer(
-            size * p.memory, p.neurons, senses.width, p.hidden_bias, p.activation, rng
-        )
+        self.hidden = ElmLayer(size * p.memory, senses.width, p, rng)
         first = senses.first_weights(p, rng)
         self.readout = Readout(p.neurons, len(self._untrained), p.regularisation, first)
         self._load()

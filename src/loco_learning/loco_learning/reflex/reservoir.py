@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from ..params import ACTIVATIONS
+from ..params import ACTIVATIONS, PhasedParams
 
 
 class DelayLine:
@@ -70,25 +70,16 @@ class ElmLayer:
 
     Args:
         inputs: Length of v.
-        neurons: Length of h, N.
         width: Hidden weights are uniform in [-width, width].
-        bias: Hidden biases are uniform in [-bias, bias].
-        activation: ``tanh`` or ``relu``.
+        params: Length N of h, range of the biases, and activation.
         rng: Random generator of the weights.
     """
 
-    def __init__(
-        self,
-        inputs: int,
-        neurons: int,
-        width: float,
-        bias: float,
-        activation: str,
-        rng: np.random.Generator,
-    ):
+    def __init__(self, inputs: int, width: float, params: PhasedParams, rng: np.random.Generator):
+        neurons, bias = params.neurons, params.hidden_bias
         self.weights = rng.uniform(-width, width, (inputs, neurons))  # (inputs, N)
         self.bias = rng.uniform(-bias, bias, neurons) if bias else np.zeros(neurons)
-        self._activation = ACTIVATIONS.index(activation)
+        self._activation = ACTIVATIONS.index(params.activation)
         self._hidden = np.zeros(neurons)
 
     def step(self, v: np.ndarray) -> np.ndarray:

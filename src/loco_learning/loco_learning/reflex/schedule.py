@@ -26,10 +26,8 @@ class Schedule:
 
     def __init__(self, params: PhasedParams, dt: float):
         self.params, self.dt = params, dt
-        phase_ends = np.cumsum(list(params.durations.values()))
-        self._phase_ends = [
-            round(end / dt) for end in phase_ends.tolist()
-        ]  # first tick after each phase
+        phase_ends = np.cumsum(list(params.durations.values())).tolist()
+        self._phase_ends = [round(end / dt) for end in phase_ends]  # first tick after each phase
 
     def phase_of(self, tick: int) -> int:
         """Index in `PHASES`; test continues after its end."""

@@ -17,15 +17,15 @@ the third step are resumed, too.
 from __future__ import annotations
 
 import dataclasses
-import numbers
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, TypedDict
+from typing import Any
 
 import numpy as np
 
+from loco_control.checks import keys_of
 from loco_control.exceptions import MissingPackageError, ParameterError
 from loco_control.params import Params, parameter, to_dict
 
@@ -67,17 +67,6 @@ class ContestParams(Params):
     trials: TrialParams = parameter(TrialParams(count=4), "test of each controller")
 
 
-class CaseRow(TypedDict):
-    """A `Case` in the record."""
-
-    method: str
-    seed: int
-    seconds: numbers.Real
-    wall: numbers.Real
-    rows: dict[str, dict[str, numbers.Real]]
-    reason: str
-
-
 @dataclass(frozen=True)
 class Case:
     """One way with one seed."""
@@ -110,7 +99,7 @@ def run(
     engine = load(params.reflex).sim_params.engine
     header = {"kind": "contest", "format": 1, "versions": versions(), "engine": engine}
     header |= {k: v for k, v in to_dict(params).items() if k != "seeds"}
-    record = Journal(folder / RECORD, header, CaseRow)
+    record = Journal(folder / RECORD, header, keys_of(Case, reason=str))
     jobs_to_do = [(method, seed) for seed in range(params.seeds) for method in METHODS]
     names = [field.name for field in dataclasses.fields(Case)]
     done = [Case(*(row[name] for name in names)) for row in record.rows]

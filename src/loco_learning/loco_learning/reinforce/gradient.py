@@ -37,6 +37,8 @@ import numpy as np
 
 from loco_control.exceptions import ParameterError
 
+from .params import ReinforceParams
+
 
 class PolicyGradient:
     """Readout that is perturbed, evaluated and moved, update after update.
@@ -44,37 +46,28 @@ class PolicyGradient:
     Args:
         weights: Initial readout, (N, 2k): positions, then velocities of k joints.
         basis: Explored directions, (N, d), from `directions`.
-        sigma: Size of a perturbation [rad].
-        step: Learning rate eta.
-        momentum: Share m of the previous gradient.
-        batch: Perturbations per update, an even number.
-        seed: Seed of all perturbations.
+        params: Size of a perturbation, learning rate, momentum, batch and seed.
 
     Attributes:
         weights: Current readout, (N, 2k).
         updates: Number of updates so far.
     """
 
-    def __init__(
-        self, weights: np.ndarray, basis: np.ndarray, sigma: float, step: float, momentum: float,
-        batch: int, seed: int,
-    ):  # fmt: skip
-        self.weights, self.basis = np.array(weights, dtype=float), basis
-        self.sigma, self.step, self.momentum = sigma, step, momentum
-        self.batch, self.seed = batch, seed
+    def __init__(self, weights: np.ndarray, basis: np.ndarray, params: ReinforceParams):
+        self.weights, self.basis, self._params = np.array(weights, dtype=float), basis, params
         self.joints = self.weights.shape[1] // 2
         self._course = np.zeros((basis.shape[1], self.joints))  # gradient g
         self.updates = 0
 
     def perturbations(self) -> np.ndarray:
         """Draws xi of this update over sigma, (batch, d, k); the second half mirrors the first."""
-        rng = np.random.default_rng([self.seed, self.updates, 0x2E1F])
-        draws = rng.standard_normal((self.batch // 2, self.basis.shape[1], self.joints))
+        rng = np.random.default_rng([self._params.seed, self.updates, 0x2E1F])
+        draws = rng.standard_normal((self._params.batch // 2, self.basis.shape[1], self.joints))
         return np.concatenate((draws, -draws))
 
     def perturbed(self) -> list[np.ndarray]:
         """Readouts to evaluate in this update, (N, 2k) each."""
-        return [self._moved(self.sigma * xi) for xi in self.perturbations()]
+        return [self._moved(self._params.exploration * xi) for xi in self.perturbations()]
 
     def learn(self, returns: np.ndarray) -> None:
         """Move the readout according to the returns of the readouts of `perturbed`, (batch,).
@@ -82,17 +75,17 @@ class PolicyGradient:
         Raises:
             ParameterError: The number of returns is not that of the perturbations.
         """
-        returns = np.asarray(returns, dtype=float)
-        if returns.shape != (self.batch,):
-            raise ParameterError(f"returns must have shape ({self.batch},), got {returns.shape}")
+        p, returns = self._params, np.asarray(returns, dtype=float)
+        if returns.shape != (p.batch,):
+            raise ParameterError(f"returns must have shape ({p.batch},), got {returns.shape}")
         pairs = returns.reshape(2, -1)
         advantage = (pairs - pairs.mean(axis=0)).ravel()  # over the mean of a draw and its mirror
         scale = float(np.sqrt(np.mean(advantage**2)))
-        eligibility = self.perturbations() / self.sigma  # xi / sigma², as xi is sigma times a draw
-        gradient = np.tensordot(advantage, eligibility, axes=1) / self.batch
+        eligibility = self.perturbations() / p.exploration  # xi / sigma², xi = sigma draw
+        gradient = np.tensordot(advantage, eligibility, axes=1) / p.batch
         if scale > 0.0:  # otherwise this batch is not informative
-            self._course = self.momentum * self._course + gradient / scale
-        self.weights = self._moved(self.step * self.sigma**2 * self._course)
+            self._course = p.momentum * self._course + gradient / scale
+        self.weights = self._moved(p.step * p.exploration**2 * self._course)
         self.updates += 1
 
     def _moved(self, change: np.ndarray) -> np.ndarray:

@@ -10,16 +10,16 @@ from __future__ import annotations
 
 import dataclasses
 import math
-import numbers
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, TypedDict
+from typing import Any
 
 import numpy as np
 import yaml
 
+from loco_control.checks import keys_of
 from loco_control.exceptions import ParameterError
 from loco_control.files import write_whole
 from loco_control.params import to_dict
@@ -31,7 +31,7 @@ from ..jobs.kept import digest, versions
 from ..reflex import weights as weight_files
 from ..runs.experiment import Experiment
 from ..search.population import seed_of
-from .episode import activity, kind, play, prepared
+from .episode import Episode, activity, kind, play, prepared
 from .gradient import PolicyGradient, directions
 from .params import ReinforceParams
 
@@ -39,18 +39,6 @@ RECORD, START, WEIGHTS, EXPERIMENT = (
     "episodes.jsonl", "start.npz", "weights.npz", "reinforced.yaml"
 )  # fmt: skip
 PLAIN = 2**20  # replaces the update in the seed of unperturbed episodes
-
-
-class EpisodeRow(TypedDict):
-    """An episode in the record."""
-
-    update: int
-    index: int
-    value: numbers.Real
-    speed: numbers.Real
-    cost: numbers.Real
-    fall: str
-    seconds: numbers.Real
 
 
 @dataclass(frozen=True)
@@ -125,7 +113,7 @@ def learn(
         "versions": versions(),
         **{k: v for k, v in to_dict(params).items() if k != "seconds"},
     }
-    record = Journal(folder / RECORD, header, EpisodeRow)
+    record = Journal(folder / RECORD, header, keys_of(Episode, update=int, index=int))
     try:
         return _Learning(experiment, params, start, readout, record, workers).run(updates, report)
     finally:
@@ -148,15 +136,7 @@ class _Learning:
         self._experiment = prepared(experiment, params, start)
         self._plain_seed = seed_of(params.seed, PLAIN, 0)
         basis = directions(activity(self._experiment, self._plain_seed), params.directions)
-        self._rule = PolicyGradient(
-            readout,
-            basis,
-            params.exploration,
-            params.step,
-            params.momentum,
-            params.batch,
-            params.seed,
-        )
+        self._rule = PolicyGradient(readout, basis, params)
         self._began, self._replayed = time.perf_counter(), 0
 
     def run(self, updates: int, report: Callable[[Progress], Any] | None) -> Learnt:

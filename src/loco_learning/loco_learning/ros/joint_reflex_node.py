@@ -3,14 +3,13 @@
 
 from __future__ import annotations
 
-import sys
 from types import SimpleNamespace
 
 import numpy as np
 
 from loco_control.exceptions import NameUnknownError
 from loco_control.ros.cpg_node import JointNode
-from loco_control.ros.executor import run_nodes
+from loco_control.ros.executor import entry
 from loco_control.ros.messages.joint_codec import (
     FRAME,
     ImuReader,
@@ -89,10 +88,7 @@ class JointReflexNode(LearningNode, JointNode):
         self.follow(phase, learning.error, tick, t, self.network)
 
 
-def main(args: list[str] | None = None) -> None:
-    """Entry point of ``ros2 run loco_learning joint_reflex``."""
-    sys.exit(run_nodes([JointReflexNode], args))
-
+main = entry(JointReflexNode)  # ``ros2 run loco_learning joint_reflex``
 
 if __name__ == "__main__":
     main()

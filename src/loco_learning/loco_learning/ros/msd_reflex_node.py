@@ -3,12 +3,10 @@
 
 from __future__ import annotations
 
-import sys
-
 import numpy as np
 
 from loco_control.exceptions import ParameterError
-from loco_control.ros.executor import run_nodes
+from loco_control.ros.executor import entry
 from loco_control.ros.messages.joint_codec import JointCodec, Joints, stamp_ns, tick_of
 from loco_control.ros.messages.msd_topics import MSD_TOPICS, RATE, link_names, node_names
 from loco_control.ros.parameters import declare
@@ -72,10 +70,7 @@ class MsdReflexNode(LearningNode):
         self.follow(MOVING[phase], error, tick, t)
 
 
-def main(args: list[str] | None = None) -> None:
-    """Entry point of ``ros2 run loco_learning msd_reflex``."""
-    sys.exit(run_nodes([MsdReflexNode], args))
-
+main = entry(MsdReflexNode)  # ``ros2 run loco_learning msd_reflex``
 
 if __name__ == "__main__":
     main()

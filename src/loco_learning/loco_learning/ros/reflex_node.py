@@ -3,9 +3,7 @@
 
 from __future__ import annotations
 
-import sys
-
-from loco_control.ros.executor import run_nodes
+from loco_control.ros.executor import entry
 from loco_control.ros.messages.convert import Converter, blank
 from loco_control.ros.parameters import declare
 from loco_control.types import GaitTarget, LearningState, MotionCommand, RobotState
@@ -48,10 +46,7 @@ class ReflexNetworkNode(LearningNode):
         self.follow(phase, learning.error, learning.tick, learning.t, self.network)
 
 
-def main(args: list[str] | None = None) -> None:
-    """Entry point of ``ros2 run loco_learning reflex_network``."""
-    sys.exit(run_nodes([ReflexNetworkNode], args))
-
+main = entry(ReflexNetworkNode)  # ``ros2 run loco_learning reflex_network``
 
 if __name__ == "__main__":
     main()

@@ -12,29 +12,21 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from loco_control import types
 from loco_control.params import to_dict
-from loco_control.types import (
-    GaitTarget,
-    GroundTruth,
-    LearningState,
-    MotionCommand,
-    RobotState,
-    Stance,
-    TrunkTorque,
-)
 
 from .. import archive
 from ..params import OPEN, PHASES
 from .experiment import Experiment, from_values
 
 PARTS = {  # messages of a tick
-    "state": RobotState,
-    "truth": GroundTruth,
-    "target": GaitTarget,
-    "command": MotionCommand,
-    "learning": LearningState,
-    "stance": Stance,
-    "trunk": TrunkTorque,
+    "state": types.RobotState,
+    "truth": types.GroundTruth,
+    "target": types.GaitTarget,
+    "command": types.MotionCommand,
+    "learning": types.LearningState,
+    "stance": types.Stance,
+    "trunk": types.TrunkTorque,
 }
 
 

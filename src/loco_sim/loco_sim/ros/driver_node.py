@@ -8,11 +8,10 @@ state has no torque, and a command is sent to the bus as soon as it is received.
 from __future__ import annotations
 
 import json
-import sys
 from typing import Any, ClassVar
 
 from loco_control.exceptions import ParameterError
-from loco_control.ros.executor import run_nodes
+from loco_control.ros.executor import entry
 from loco_control.types import MotionCommand, RobotState, TrunkTorque
 
 from ..hardware import wiring
@@ -144,10 +143,7 @@ class DriverNode(JointPlantNode):
         return {**super().diagnose(), "lost_packets": self.sim.lost, "torque": not self._limp}
 
 
-def main(args: list[str] | None = None) -> None:
-    """Entry point of ``ros2 run loco_sim driver``."""
-    sys.exit(run_nodes([DriverNode], args))
-
+main = entry(DriverNode)  # ``ros2 run loco_sim driver``
 
 if __name__ == "__main__":
     main()

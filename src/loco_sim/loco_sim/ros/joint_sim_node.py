@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import dataclasses
 import json
-import sys
 import traceback
 from collections.abc import Collection, Sequence
 from pathlib import Path
@@ -20,7 +19,7 @@ from std_msgs.msg import String
 from loco_control.exceptions import LocoError, ParameterError
 from loco_control.params import from_dict, to_dict
 from loco_control.reading import FOLDERS, allowed, parse_yaml
-from loco_control.ros.executor import run_nodes
+from loco_control.ros.executor import entry
 from loco_control.types import MotionCommand, RobotState, TrunkTorque
 
 from ..params import SimParams
@@ -154,10 +153,7 @@ def _summary(model: models.Model) -> str:
     return ", ".join([model.robot, *changes, *effects])
 
 
-def main(args: list[str] | None = None) -> None:
-    """Entry point of ``ros2 run loco_sim joint_sim``."""
-    sys.exit(run_nodes([JointSimNode], args))
-
+main = entry(JointSimNode)  # ``ros2 run loco_sim joint_sim``
 
 if __name__ == "__main__":
     main()

@@ -3,14 +3,13 @@
 
 from __future__ import annotations
 
-import sys
 from typing import Any, NamedTuple
 
 import numpy as np
 from rosgraph_msgs.msg import Clock
 
 from loco_control.exceptions import LocoError
-from loco_control.ros.executor import run_nodes
+from loco_control.ros.executor import entry
 from loco_control.ros.messages.joint_codec import JointCodec, Joints, stamp_ns, tick_of
 from loco_control.ros.messages.msd_topics import MSD_NODES, MSD_TOPICS, RATE, link_names, node_names
 from loco_control.ros.messages.topics import to_stamp
@@ -132,10 +131,7 @@ class MsdSimNode(PlantNode):
         return f"{self.state.t:.1f} s simulated, {self.sim.distance:.2f} m forward"
 
 
-def main(args: list[str] | None = None) -> None:
-    """Entry point of ``ros2 run loco_sim msd_sim``."""
-    sys.exit(run_nodes([MsdSimNode], args))
-
+main = entry(MsdSimNode)  # ``ros2 run loco_sim msd_sim``
 
 if __name__ == "__main__":
     main()

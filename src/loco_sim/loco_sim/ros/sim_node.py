@@ -4,12 +4,11 @@
 from __future__ import annotations
 
 import json
-import sys
 
 from std_msgs.msg import String
 
 from loco_control.gait.generator import GaitParams, standing_pose
-from loco_control.ros.executor import run_nodes
+from loco_control.ros.executor import entry
 from loco_control.ros.messages.convert import Converter
 from loco_control.ros.messages.topics import NODES
 from loco_control.ros.parameters import declare
@@ -60,10 +59,7 @@ class RobotSimNode(PlantNode):
         self._tools.publish(state, truth)
 
 
-def main(args: list[str] | None = None) -> None:
-    """Entry point of ``ros2 run loco_sim robot_sim``."""
-    sys.exit(run_nodes([RobotSimNode], args))
-
+main = entry(RobotSimNode)  # ``ros2 run loco_sim robot_sim``
 
 if __name__ == "__main__":
     main()

@@ -7,15 +7,30 @@ argument holds `RealtimeParams`.
 
 from __future__ import annotations
 
+import ctypes
 import gc
 import json
 import sys
 import time
 from typing import Any
 
-from loco_control.pacing import Deadlines, sleep_until
+from loco_control.pacing import Deadlines
 from loco_control.params import from_dict
 from loco_control.realtime import RealtimeParams, prepare
+
+_LIBC = ctypes.CDLL(None, use_errno=True)
+_CLOCK_MONOTONIC, _TIMER_ABSTIME = 1, 1
+
+
+class _Timespec(ctypes.Structure):
+    _fields_ = (("seconds", ctypes.c_long), ("nanoseconds", ctypes.c_long))
+
+
+def sleep_until(deadline: float) -> None:
+    """Sleep until a time of `time.monotonic` [s], or until a signal."""
+    seconds = int(deadline)
+    until = _Timespec(seconds, int((deadline - seconds) * 1e9))
+    _LIBC.clock_nanosleep(_CLOCK_MONOTONIC, _TIMER_ABSTIME, ctypes.byref(until), None)
 
 
 def measure(seconds: float, rate: float, requests: RealtimeParams) -> dict[str, Any]:

@@ -11,7 +11,6 @@ It is part of this package and not of loco_learning because it reads bags.
 
 from __future__ import annotations
 
-import sys
 import time
 import traceback
 from collections.abc import Callable
@@ -25,7 +24,7 @@ from rclpy.task import Future
 from loco_control.exceptions import GraphError, LocoError, ParameterError
 from loco_control.params import Params, parameter
 from loco_control.reading import FOLDERS, allowed
-from loco_control.ros.executor import run_nodes
+from loco_control.ros.executor import entry
 from loco_control.ros.messages.calibration_topics import CALIBRATION_TOPICS, CALIBRATOR
 from loco_control.ros.messages.topics import to_stamp
 from loco_control.ros.node import LocoNode
@@ -239,10 +238,7 @@ class CalibratorNode(LocoNode):
             server.destroy()
 
 
-def main(args: list[str] | None = None) -> None:
-    """Entry point of ``ros2 run loco_bringup calibrator``."""
-    sys.exit(run_nodes([CalibratorNode], args))
-
+main = entry(CalibratorNode)  # ``ros2 run loco_bringup calibrator``
 
 if __name__ == "__main__":
     main()

@@ -14,13 +14,12 @@ import dataclasses
 import json
 import logging
 import struct
-import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 from loco_control.exceptions import BagError, NameUnknownError, ParameterError
-from loco_control.ros.executor import run_nodes
+from loco_control.ros.executor import entry
 from loco_control.ros.messages.convert import TICK
 from loco_control.ros.messages.joint_topics import TABLES
 from loco_control.ros.messages.topics import LOST_TICK, Topic, faulty, to_stamp
@@ -295,10 +294,7 @@ def _select(names: list[str], table: dict[str, Topic]) -> list[Topic]:
     return [table[name] for name in names or table if name != "recorder_status"]
 
 
-def main(args: list[str] | None = None) -> None:
-    """Entry point of ``ros2 run loco_bringup recorder``."""
-    sys.exit(run_nodes([RecorderNode], args))
-
+main = entry(RecorderNode)  # ``ros2 run loco_bringup recorder``
 
 if __name__ == "__main__":
     main()

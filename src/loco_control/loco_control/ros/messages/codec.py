@@ -21,22 +21,10 @@ from typing import Any
 import numpy as np
 
 from ...exceptions import ParameterError
+from .definitions import PRIMITIVES
 
 _HEADER = 4  # encapsulation bytes before the payload
-_PRIMITIVES = {
-    "boolean": "?",
-    "octet": "u1",
-    "uint8": "u1",
-    "int8": "i1",
-    "uint16": "<u2",
-    "int16": "<i2",
-    "uint32": "<u4",
-    "int32": "<i4",
-    "uint64": "<u8",
-    "int64": "<i8",
-    "float": "<f4",
-    "double": "<f8",
-}
+_TYPES = {kind: np.dtype(f"<{code}") for kind, _, code in PRIMITIVES.values() if code}
 
 
 class Codec:
@@ -120,8 +108,8 @@ class _Layout:
             element = kind[: kind.index("[")]
         if element == "octet":  # rclpy represents each octet as bytes
             value = [_octet(v) for v in value] if many else _octet(value)
-        if element in _PRIMITIVES:
-            self._numbers(value, np.dtype(_PRIMITIVES[element]), path, many)
+        if element in _TYPES:
+            self._numbers(value, _TYPES[element], path, many)
             return
         for index, item in enumerate(value if many else [value]):
             if element.startswith("string"):

@@ -25,13 +25,13 @@ SEPARATOR = "=" * 80  # between the definitions of a message and of its nested m
 MOST_FIELDS = 1000  # largest number of fields of one message
 _FOLDER = Path(__file__).parent / "texts"
 _STANDARD, _OURS = _FOLDER / "standard.msg", _FOLDER / "loco_msgs"
-# Type names of .msg files and of IDL, and the type ids that enter the hash.
-_PRIMITIVES = {
-    "bool": ("boolean", 15), "byte": ("octet", 16), "char": ("uint8", 3),
-    "float32": ("float", 10), "float64": ("double", 11), "int8": ("int8", 2),
-    "uint8": ("uint8", 3), "int16": ("int16", 4), "uint16": ("uint16", 5), "int32": ("int32", 6),
-    "uint32": ("uint32", 7), "int64": ("int64", 8), "uint64": ("uint64", 9),
-    "string": ("string", 17), "wstring": ("wstring", 18),
+# Types of .msg files: name in IDL, type id that enters the hash, and code for struct and NumPy.
+PRIMITIVES = {
+    "bool": ("boolean", 15, "?"), "byte": ("octet", 16, "B"), "char": ("uint8", 3, "B"),
+    "float32": ("float", 10, "f"), "float64": ("double", 11, "d"), "int8": ("int8", 2, "b"),
+    "uint8": ("uint8", 3, "B"), "int16": ("int16", 4, "h"), "uint16": ("uint16", 5, "H"),
+    "int32": ("int32", 6, "i"), "uint32": ("uint32", 7, "I"), "int64": ("int64", 8, "q"),
+    "uint64": ("uint64", 9, "Q"), "string": ("string", 17, ""), "wstring": ("wstring", 18, ""),
 }  # fmt: skip
 _NESTED, _BOUNDED_TEXT = 1, 4  # type id of a message; offset of the id of a bounded text
 _ARRAYS = {"fixed": 48, "bounded": 96, "sequence": 144}  # offset of the type id of an array
@@ -63,7 +63,7 @@ class Field(NamedTuple):
     @property
     def kind(self) -> str:
         """Type in the notation of the ROS message classes, e.g. ``sequence<double>``."""
-        element = _PRIMITIVES[self.base][0] if self.base in _PRIMITIVES else self.base
+        element = PRIMITIVES[self.base][0] if self.base in PRIMITIVES else self.base
         element += f"<{self.text}>" if self.text else ""
         if self.array == "fixed":
             return f"{element}[{self.count}]"
@@ -74,7 +74,7 @@ class Field(NamedTuple):
     @property
     def is_message(self) -> bool:
         """Whether an element is a message itself."""
-        return self.base not in _PRIMITIVES
+        return self.base not in PRIMITIVES
 
 
 def parse(text: str, package: str) -> tuple[Field, ...]:
@@ -103,7 +103,7 @@ def parse(text: str, package: str) -> tuple[Field, ...]:
 
 def _field(match: re.Match, package: str) -> Field:
     base = match["base"]
-    if base not in _PRIMITIVES and "/" not in base:
+    if base not in PRIMITIVES and "/" not in base:
         base = f"std_msgs/{base}" if base == "Header" else f"{package}/{base}"
     base = base.replace("/msg/", "/")
     array = ""
@@ -243,7 +243,7 @@ def _described(short: str) -> Mapping[str, Any]:
 
 
 def _described_type(field: Field) -> Mapping[str, Any]:
-    number = _NESTED if field.is_message else _PRIMITIVES[field.base][1]
+    number = _NESTED if field.is_message else PRIMITIVES[field.base][1]
     number += (_BOUNDED_TEXT if field.text else 0) + _ARRAYS.get(field.array, 0)
     return {
         "type_id": number,

@@ -16,14 +16,11 @@ from typing import Any, ClassVar
 import numpy as np
 
 from ...exceptions import NameUnknownError, ParameterError
-from .definitions import Field, fields_of, split
+from .definitions import PRIMITIVES, Field, fields_of, split
 
 _HEADER = 4  # bytes of encapsulation before the payload
 _BIG_ENDIAN, _LITTLE_ENDIAN = b"\x00\x00", b"\x00\x01"
-_CODES = {  # codes of the types for struct and NumPy
-    "bool": "?", "byte": "B", "char": "B", "uint8": "B", "int8": "b", "uint16": "H", "int16": "h",
-    "uint32": "I", "int32": "i", "uint64": "Q", "int64": "q", "float32": "f", "float64": "d",
-}  # fmt: skip
+_CODES = {base: code for base, (_, _, code) in PRIMITIVES.items() if code}
 _STRUCTS = {
     (order, base): struct.Struct(order + code) for base, code in _CODES.items() for order in "<>"
 }
