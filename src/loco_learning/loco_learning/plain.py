@@ -61,10 +61,10 @@ class Collection:
     """YAML files of one kind: those of the package by name, those of the user by path.
 
     Attributes:
-        kind: What a file holds, for messages.
+        kind: Name of the kind of file, for messages.
         folder: Folder in the package.
         keys: Keys that a file may have; empty if its reader checks them.
-        hint: What to do if a file does not exist.
+        hint: Advice for the message about a missing file.
     """
 
     kind: str

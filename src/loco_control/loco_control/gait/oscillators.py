@@ -28,6 +28,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -45,26 +46,24 @@ LONGEST_STEP = 2e-3  # longest integration step [s]
 PER_JOINT = ("amplitude", "offset", "duty_factor", "phase", "bias")
 
 
+def _per_joint(
+    default: float, doc: str, unit: str = "rad", low: float = -math.pi, high: float = math.pi
+) -> Any:
+    return parameter((default,), doc, unit, low, high, any_length=True)
+
+
 @dataclass(frozen=True)
 class CpgParams(Params):
     """Motion of the driven joints; lists have one value for all joints or one for each."""
 
     kind: str = parameter("amplitude_phase", "equations of the oscillators", choices=KINDS)
     frequency: float = parameter(1.0, "strides per second", "Hz", low=0.02, high=10.0)
-    amplitude: tuple[float, ...] = parameter(
-        (0.35,), "half the swing of the joint", "rad", -math.pi, math.pi, any_length=True
+    amplitude: tuple[float, ...] = _per_joint(0.35, "half the swing of the joint")
+    offset: tuple[float, ...] = _per_joint(0.0, "middle of the swing, held before the start")
+    duty_factor: tuple[float, ...] = _per_joint(
+        0.5, "share of the period in which the joint moves backwards", "-", 0.02, 0.98
     )
-    offset: tuple[float, ...] = parameter(
-        (0.0,), "middle of the swing, held before the start", "rad", -math.pi, math.pi,
-        any_length=True,
-    )  # fmt: skip
-    duty_factor: tuple[float, ...] = parameter(
-        (0.5,), "share of the period in which the joint moves backwards", "-", 0.02, 0.98,
-        any_length=True,
-    )  # fmt: skip
-    phase: tuple[float, ...] = parameter(
-        (0.0,), "how far the joint is ahead", "stride", -1e3, 1e3, any_length=True
-    )
+    phase: tuple[float, ...] = _per_joint(0.0, "how far the joint is ahead", "stride", -1e3, 1e3)
     coupling: float = parameter(5.0, "c, pull of each joint to each other", "1/s", 0.0, 50.0)
     convergence: float = parameter(50.0, "a, pull to the cycle", "1/s", 1.0, 200.0)
     sharpness: float = parameter(50.0, "b, steepness of the duty switch", "-", 1.0, 500.0)
@@ -78,10 +77,7 @@ class CpgParams(Params):
         (1.0, -1.0), "steps: levels in turn, as a share of the amplitude", "-", -1.0, 1.0,
         any_length=True,
     )  # fmt: skip
-    bias: tuple[float, ...] = parameter(
-        (0.0,), "constant part of the movement, which grows with it", "rad", -math.pi, math.pi,
-        any_length=True,
-    )  # fmt: skip
+    bias: tuple[float, ...] = _per_joint(0.0, "constant part of the movement, which grows with it")
     rise: float = parameter(0.2, "steps: time to reach a level; 0 jumps", "s", 0.0, 100.0)
 
 

@@ -15,41 +15,27 @@ OK, WARN, ERROR = b"\0", b"\1", b"\2"  # as in DiagnosticStatus
 _PAGE = resource.getpagesize()
 
 
+def _limits(warning: float, error: float, doc: str, unit: str = "-", high: float = 1e6) -> Any:
+    return parameter((warning, error), f"{doc}: warning, error", unit, 0.0, high)
+
+
 @dataclass(frozen=True)
 class HealthParams(Params):
     """Limits of the values on /diagnostics for warning and error; 0 for no limit."""
 
-    silence: tuple[float, ...] = parameter(
-        (2.0, 10.0), "wall time since the last tick: warning, error", "s", 0.0, 1e6
+    silence: tuple[float, ...] = _limits(2.0, 10.0, "wall time since the last tick", "s")
+    period_max_ms: tuple[float, ...] = _limits(
+        0.0, 0.0, "longest wall time between two ticks", "ms"
     )
-    period_max_ms: tuple[float, ...] = parameter(
-        (0.0, 0.0), "longest wall time between two ticks: warning, error", "ms", 0.0, 1e6
+    cpu_percent: tuple[float, ...] = _limits(0.0, 0.0, "time on the processor, of one core", "%")
+    late_share: tuple[float, ...] = _limits(
+        0.05, 0.5, "realtime: share of ticks without a fresh command", high=1.0
     )
-    cpu_percent: tuple[float, ...] = parameter(
-        (0.0, 0.0), "time on the processor, of one core: warning, error", "%", 0.0, 1e6
-    )
-    late_share: tuple[float, ...] = parameter(
-        (0.05, 0.5),
-        "realtime: share of ticks without a fresh command: warning, error",
-        "-",
-        0.0,
-        1.0,
-    )
-    stale: tuple[float, ...] = parameter(
-        (0.0, 0.0), "messages of old ticks since the last report: warning, error", "-", 0.0, 1e6
-    )
-    rejected: tuple[float, ...] = parameter(
-        (1.0, 0.0), "commands refused since the last report: warning, error", "-", 0.0, 1e6
-    )
-    refused: tuple[float, ...] = parameter(
-        (1.0, 0.0), "other messages refused since the last report: warning, error", "-", 0.0, 1e6
-    )
-    dropped: tuple[float, ...] = parameter(
-        (1.0, 0.0), "messages lost so far: warning, error", "-", 0.0, 1e9
-    )
-    slower: tuple[float, ...] = parameter(
-        (0.0, 0.0), "real-time factor below which: warning, error", "-", 0.0, 1e3
-    )
+    stale: tuple[float, ...] = _limits(0.0, 0.0, "messages of old ticks since the last report")
+    rejected: tuple[float, ...] = _limits(1.0, 0.0, "commands refused since the last report")
+    refused: tuple[float, ...] = _limits(1.0, 0.0, "other messages refused since the last report")
+    dropped: tuple[float, ...] = _limits(1.0, 0.0, "messages lost so far", high=1e9)
+    slower: tuple[float, ...] = _limits(0.0, 0.0, "real-time factor below which", high=1e3)
 
 
 def judge(params: HealthParams, values: dict[str, Any]) -> tuple[bytes, str]:

@@ -6,7 +6,6 @@ from __future__ import annotations
 import csv
 import io
 from collections.abc import Callable, Sequence
-from functools import wraps
 from pathlib import Path
 from typing import Any
 
@@ -25,15 +24,6 @@ COLOURS = {"pse": "#009e73", "rse": "#d55e00", "open": "#0072b2"}
 TARGET = "#8cc5ea"
 COMPONENT = "{} component [-]"
 VERDICT = ("nrmse", "amplitude", "slip", "lag", "frequency")
-
-FIGURES: dict[str, Callable[[Any, Sequence[CaseResult]], Chart]] = {}  # of a study and its cases
-
-
-def figure(function: Callable[[Sequence[CaseResult]], Chart]) -> Callable:
-    """Register a figure that needs the cases of a study only, under the name of its function."""
-    FIGURES[function.__name__] = wraps(function)(lambda study, results: function(results))
-    return function
-
 
 def _variants(results: Sequence[CaseResult]) -> dict[str, list[CaseResult]]:
     groups: dict[str, list[CaseResult]] = {}
@@ -58,8 +48,7 @@ def _marks(result: CaseResult, top: float, low: float = -np.inf) -> list[Layer]:
     return [line(name, [t, t], [0.0, top], GREY, size=0.8) for name, t in visible.items()]
 
 
-@figure
-def nrmse_over_time(results: Sequence[CaseResult]) -> Chart:
+def nrmse_over_time(study: Any, results: Sequence[CaseResult]) -> Chart:
     """Smoothed NRMSE of all trials over time, as figure 8.3; a dot where the robot fell."""
     layers = []
     for i, (variant, cases) in enumerate(_variants(results).items()):
@@ -87,8 +76,7 @@ def nrmse_over_time(results: Sequence[CaseResult]) -> Chart:
     return Chart([Frame(*axes, layers, height=330)])
 
 
-@figure
-def limit_cycles(results: Sequence[CaseResult]) -> Chart:
+def limit_cycles(study: Any, results: Sequence[CaseResult]) -> Chart:
     """Limit cycle of one trial per variant in the target's principal components, as figure 8.4."""
     frames = []
     for i, (variant, cases) in enumerate(_variants(results).items()):
@@ -109,8 +97,7 @@ def limit_cycles(results: Sequence[CaseResult]) -> Chart:
     return Chart(frames)
 
 
-@figure
-def foot_heights(results: Sequence[CaseResult]) -> Chart:
+def foot_heights(study: Any, results: Sequence[CaseResult]) -> Chart:
     """Heights of the front feet at the end of one trial per variant, as figure 8.5."""
     frames = []
     for variant, cases in _variants(results).items():
@@ -128,8 +115,7 @@ def foot_heights(results: Sequence[CaseResult]) -> Chart:
     return Chart(frames)
 
 
-@figure
-def joint_traces(results: Sequence[CaseResult]) -> Chart:
+def joint_traces(study: Any, results: Sequence[CaseResult]) -> Chart:
     """First and last driven and passive joint in train and test, shifted by lag, per variant."""
     frames = []
     for what, label in (("command", "driven joints [rad]"), ("passive", "passive joints [rad]")):
@@ -175,11 +161,7 @@ def survival(study: Any, results: Sequence[CaseResult]) -> Chart:
     return Chart(frames)
 
 
-FIGURES["survival"] = survival
-
-
-@figure
-def trunk(results: Sequence[CaseResult]) -> Chart:
+def trunk(study: Any, results: Sequence[CaseResult]) -> Chart:
     """Height, attitude and path of the trunk."""
     height, angles, path = list[Layer](), list[Layer](), list[Layer]()
     for i, case in enumerate(results):
@@ -244,6 +226,12 @@ def _typical(cases: Sequence[CaseResult]) -> CaseResult:
     lasting = [case for case in cases if case.verdict["end"] > end - 1.0]
     ranked = sorted(lasting, key=lambda case: (case.verdict["nrmse"], case.seed))
     return ranked[len(ranked) // 2]
+
+
+FIGURES: dict[str, Callable[[Any, Sequence[CaseResult]], Chart]] = {  # of a study and its cases
+    draw.__name__: draw
+    for draw in (nrmse_over_time, limit_cycles, foot_heights, joint_traces, survival, trunk)
+}
 
 
 def write(study: Any, results: Sequence[CaseResult], folder: str | Path) -> list[Path]:
