@@ -76,9 +76,9 @@ def test_a_study_runs_only_what_is_missing(finished, monkeypatch):
     made, folder, results = finished
     ran = []
 
-    def run_case(name, *args):
-        ran.append(name)
-        return original(name, *args)
+    def run_case(case, *args):
+        ran.append(case.name)
+        return original(case, *args)
 
     original = study.run_case
     monkeypatch.setattr(study, "run_case", run_case)
