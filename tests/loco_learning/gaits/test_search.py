@@ -168,7 +168,7 @@ def test_pictures_are_drawn(found, tmp_path):
     folder, gait, _ = found
     chart = gait_figures.convergence([folder, folder], "two seeds")
     best, walking, *_ = chart.frames[0].layers
-    assert (np.diff(best.y) >= 0.0).all() and (walking.y <= best.y).all()
+    assert (np.diff(best.y) >= 0.0).all() and not (walking.y > best.y).any()  # NaN: all fell
     png.write(chart, tmp_path / "convergence.png")
     assert (tmp_path / "convergence.png").stat().st_size > 5000
     gait_figures.animate(gait, tmp_path / "gait.gif", seconds=0.2)
