@@ -147,7 +147,7 @@ def test_a_bag_without_what_is_needed_is_refused(tmp_path):
 def test_the_command_says_it_in_one_line(bag, capsys, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     for words, text in (
-        (["--parameters", "eight"], "choice for calibrate.parameters named 'eight'"),
+        (["--parameters", "eight"], "choice of --parameters named 'eight'"),
         (["--loss", "rms"], "available: author, thesis"),
         (["--generations", "0"], "generations must be in [1, 100000]"),
     ):

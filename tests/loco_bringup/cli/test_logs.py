@@ -74,7 +74,7 @@ def test_recover_and_export_print_what_they_made(bag, tmp_path, capfd):
 def test_mistakes_are_one_clear_line(bag, tmp_path, capfd):
     for arguments, text in {
         ("recover", tmp_path / "none"): "no bag at",
-        ("export", bag, "--format", "xls"): "npz, csv",
+        ("export", bag, "--format", "xls"): "csv, npz",
         ("replay", bag, "--start", "99"): "start must be within the bag",
         ("replay", bag, "--remap", "robot_state"): "FROM:=TO",
         ("replay", bag, "--verify"): "tick 0 is missing",

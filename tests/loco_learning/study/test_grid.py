@@ -88,8 +88,7 @@ def test_what_is_compiled_in_a_case_costs_nothing(monkeypatch, finished):
 
     monkeypatch.setattr("loco_learning.runs.rollout.rollout", compile_and_run)
     monkeypatch.setattr("loco_learning.study.case.reduce", lambda *_: results[0])
-    first = next(made.cases())
-    told = run_case(first.name, first.variant, 0, first.base, {}, {}, "")
+    told = run_case(next(made.cases()))
     assert 0.0 <= told.seconds < 0.5 * spent[0]
 
 
