@@ -40,6 +40,12 @@ def test_two_motions_are_found(other, each):
     assert series.other_motion(mixed(other, each)[0]) is not None
 
 
+def test_a_publisher_that_loses_a_third_of_its_messages_is_found():
+    lost = np.random.default_rng(3).random(1600) < 1.0 / 3.0
+    rows = (np.arange(1600) % 5 == 0) & ~lost
+    assert series.other_motion(np.where(rows, motion() + 0.4, motion())) is not None
+
+
 @pytest.mark.parametrize(
     "x",
     [
@@ -54,6 +60,7 @@ def test_two_motions_are_found(other, each):
         (9.0 * T) % (2.0 * np.pi),
         np.where(T < 8.0, motion(), 0.0),
         np.where(np.abs(NOISE) > 2.6, 0.5 * NOISE[::-1], motion()),  # single faults, each another value
+        0.001 * NOISE + np.where(np.abs(NOISE[::-1]) > 1.9, 0.03, 0.0),  # a spring that flicks
         np.zeros(0),
         np.zeros(5),
     ],

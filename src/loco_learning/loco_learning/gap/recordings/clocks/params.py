@@ -74,6 +74,8 @@ class SeriesParams:
         own: Ratio of the measured velocity to that of the changes, above which the joint itself
             moves. Theory: a sine of half the sampling rate has pi/2 at its mean position, 0 at its
             reversals; two publishers each move far slower than the changes between them.
+        rough: Change of the second motion from one of its steps to the next, over its steps.
+            Theory: 1.4 for a sine of four readings a period, 1.7 for values that have no order.
     """
 
     apart: float = 0.02
@@ -81,6 +83,7 @@ class SeriesParams:
     shorter: float = 6.0
     changes: int = 10
     own: float = 0.5
+    rough: float = 1.4
 
 
 @dataclass(frozen=True)

@@ -102,7 +102,10 @@ def _standing(x: np.ndarray, back: np.ndarray, least: float) -> np.ndarray | Non
 
 
 def _moving(x: np.ndarray, least: float) -> np.ndarray | None:
-    """Flags of the smaller of two smooth motions with long jumps between them; None if one."""
+    """Flags of the smaller of two smooth motions with long jumps between them; None if one.
+
+    Readings that stand out and follow no motion of their own are the joint's, or faults.
+    """
     each = np.abs(np.diff(x))
     labels, jumps = _labels(x, int(np.argmax(each)))
     changed = labels[1:] != labels[:-1]
@@ -110,7 +113,10 @@ def _moving(x: np.ndarray, least: float) -> np.ndarray | None:
         return None
     within = sum(float(np.sum(np.abs(np.diff(x[labels == side])))) for side in (False, True))
     across, inside = float(np.sum(each[changed])), within - float(np.sum(each[~changed]))
-    return labels == (np.mean(labels) < 0.5) if across > SERIES.shorter * inside else None
+    second = labels == (np.mean(labels) < 0.5)
+    moves = np.diff(x[second])
+    rough = np.std(np.diff(moves)) > SERIES.rough * np.std(moves)
+    return None if rough or across <= SERIES.shorter * inside else second
 
 
 def _mixed(flags: np.ndarray) -> bool:
