@@ -10,10 +10,12 @@ import pytest
 from loco_learning.gap.fitting.search import call
 from loco_learning.gap.hypotheses.bundles import Bundle
 from loco_learning.gap.params import GapParams
+from loco_learning.gap.prediction.forward import Forward
 from loco_learning.gap.preview import check, visible
 from loco_learning.gap.recordings import observe
 from loco_learning.gap.recordings.tracks import Track
 from loco_learning.jobs import pool
+from loco_sim.bolted import kernels
 
 SHOWS = 0.75
 
@@ -22,6 +24,40 @@ SHOWS = 0.75
 def found(slide):
     fit, judge = slide.records()
     return check.look(slide.model, [*fit, *judge])
+
+
+def repeated(record, count):
+    """A recording that does the same again and again."""
+    values = {
+        part: {k: np.tile(v, (count, 1)) for k, v in getattr(record, part).items()}
+        for part in ("command", "signals")
+    }
+    return replace(record, t=record.dt * np.arange(count * len(record.t)), **values)
+
+
+@pytest.fixture
+def short(monkeypatch):
+    """A preview that looks at a second and a half of the recordings."""
+    monkeypatch.setattr(check, "EFFORT", check.EFFORT.replace(total_max=1.5))
+
+
+@pytest.fixture
+def steps(monkeypatch):
+    """Function that counts the physics steps of a preview."""
+    run, counted = kernels.run, []
+
+    def counting(*inputs):
+        pieces, which, rows = inputs[3], inputs[6], len(inputs[-2])
+        counted.append(np.diff(pieces).sum() * len(which) // rows)
+        return run(*inputs)
+
+    def count(*inputs):
+        counted.clear()
+        check.look(*inputs)
+        return sum(counted)
+
+    monkeypatch.setattr(kernels, "run", counting)
+    return count
 
 
 def of(found, effect, variant=""):
@@ -130,7 +166,7 @@ def test_the_part_that_is_simulated_moves_most(slide):
     quiet = replace(
         record, signals={"q": np.where(record.t[:, None] < 1.0, 0.0, record.signals["q"])}
     )
-    (part,) = check._parts([quiet], 0.8)
+    (part,) = check.excerpts([quiet], 0.8)
     assert part.duration == pytest.approx(0.8, abs=0.02)
     assert np.ptp(part.signals["q"]) == pytest.approx(np.ptp(quiet.signals["q"]), rel=0.1)
 
@@ -140,3 +176,47 @@ def test_settings_of_the_search_change_its_time(slide, found):
     longer = check.look(slide.model, [*fit, *judge], GapParams(finalists=40, evaluations=180))
     assert longer["search_seconds"][0] > 2.0 * found["search_seconds"][0]
     assert found["search_seconds"][0] < found["search_seconds"][1]
+
+
+def test_a_recording_repeated_four_times_costs_no_more_steps(slide, short, steps):
+    (record, _), _ = slide.records()
+    once, four = (steps(slide.model, [repeated(record, n)]) for n in (3, 12))
+    assert 0 < four <= once
+
+
+@pytest.mark.parametrize("count", [1, 2, 3, 100])
+def test_excerpts_of_many_recordings_are_as_long_as_those_of_few(slide, count):
+    (record, _), _ = slide.records()
+    parts = check.excerpts([record] * count, 1.5)
+    assert sum(part.duration for part in parts) == pytest.approx(1.5, abs=count * record.dt)
+    assert min(part.duration for part in parts) >= check.EFFORT.each_min
+
+
+def test_sub_steps_shorten_excerpts(slide):
+    fit, _ = slide.records()
+    longer = check.EFFORT.replace(total_max=1e4)
+    seconds = []
+    for rate in (1000.0, 7000.0):
+        model = replace(slide.model, overrides={"sim.physics_rate": rate})
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr(check, "EFFORT", longer)
+            seconds.append(check._seconds(Forward(model, fit)))
+    steps = [s * (rate + 250.0) for s, rate in zip(seconds, (1000.0, 7000.0), strict=True)]
+    assert steps[0] == pytest.approx(steps[1])
+
+
+def test_excerpts_tell_the_same_effects_and_say_so(slide, found, short):
+    fit, judge = slide.records()
+    brief = check.look(slide.model, [*fit, *judge])
+    assert found["notes"] == []
+    assert brief["notes"] == [
+        "effects were tried on excerpts, the parts that move most: 1.5 s of 5.99 s, from 3 of 3 "
+        "recordings"
+    ]
+    sizes = []
+    for whole, part in zip(found["effects"], brief["effects"], strict=True):
+        assert (whole["effect"], whole["place"]) == (part["effect"], part["place"])
+        assert (whole["seen"] == "no") == (part["seen"] == "no")
+        if whole["seen"] != "no":
+            sizes.append(math.log(part["smallest"] / whole["smallest"]))
+    assert abs(np.median(sizes)) < math.log(1.5)

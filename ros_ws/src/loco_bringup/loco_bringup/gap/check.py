@@ -181,12 +181,12 @@ def sentences(found: Checked) -> list[str]:
 
 
 def readings(found: Checked) -> list[str]:
-    """Notes from reading the recordings, each once, with the names of the recordings."""
+    """Notes on excerpts, and from reading the recordings, each once, with their names."""
     names: dict[str, list[str]] = {}
     for recording in found["recordings"]:
         for note in recording["notes"]:
             names.setdefault(note, []).append(recording["name"])
-    return [f"{', '.join(of)}: {note}" for note, of in names.items()]
+    return [*found["notes"], *(f"{', '.join(of)}: {note}" for note, of in names.items())]
 
 
 def counts(found: Checked) -> dict[str, int]:

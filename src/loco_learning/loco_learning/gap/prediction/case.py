@@ -415,21 +415,20 @@ class Case:
         self, left: Sequence[np.ndarray], by: Sequence[np.ndarray], only: Sequence[int]
     ) -> tuple[np.ndarray, np.ndarray]:
         """Residual vector of records, (T, C) each, and their deviations, as `pulled`."""
-        residuals = self.masked(left, only, held=False)
-        flat = np.concatenate(
-            [r[np.isfinite(self._weighed(i))] for i, r in zip(only, residuals, strict=True)]
-        )
+        flat = np.concatenate([r[self._weighed[i]] for i, r in zip(only, left, strict=True)])
         flat = np.clip(np.nan_to_num(flat, nan=self.cap), -self.cap, self.cap)
         return flat, np.concatenate([*by, np.zeros(0)])
 
-    def _weighed(self, i: int) -> np.ndarray:
-        """Measured values of the fitted rows of a record, NaN elsewhere, (T, C)."""
-        return np.where(self.fit_rows[i][:, None], self.forward.measured[i], np.nan)
+    @cached_property
+    def _weighed(self) -> list[np.ndarray]:
+        """Flags of the measured values in fitted rows, (T, C) for each record."""
+        pairs = zip(self.fit_rows, self.forward.measured, strict=True)
+        return [rows[:, None] & np.isfinite(measured) for rows, measured in pairs]
 
     def channel_of(self, only: Sequence[int] | None = None) -> np.ndarray:
         """Channel index of each value of `vector`, (N,)."""
         only = self.fitted if only is None else list(only)
-        return np.concatenate([np.nonzero(np.isfinite(self._weighed(i)))[1] for i in only])
+        return np.concatenate([np.nonzero(self._weighed[i])[1] for i in only])
 
 
 def _about(near: Loose | None) -> dict[str, float]:

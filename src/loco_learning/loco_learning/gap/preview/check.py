@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Preview of what recordings can show about a model, in half a minute and without a search.
+"""Preview of what recordings can show about a model, in 15 s and without a search.
 
 `look` reports properties of the recordings, the smallest visible size of each effect, missing
 signals, and the expected duration of a search.
@@ -10,11 +10,12 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, replace
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
 
+from loco_control.params import Params, parameter
 from loco_sim.effects.places import chains
 from loco_sim.plant.model import Model
 from loco_sim.robot.description import Description
@@ -28,24 +29,51 @@ from ..hypotheses.bundles import bundles
 from ..hypotheses.hypotheses import offer, separable, untried
 from ..params import GapParams
 from ..prediction import case as cases
-from ..prediction import floors
+from ..prediction import floors, running
 from ..prediction.case import Case
 from ..prediction.channels import ON_SLIDES
 from ..prediction.forward import Forward, ForwardParams
 from ..recordings import lags
 from ..recordings.record import Record
 from ..setup import family, mend
+from ..setup.bench import busiest, robot_of
 from ..setup.finding import Finding
 from ..verdict.decide import LIMITS
 from . import visible
 from .visible import Visible
 
 FORMAT = 1
-BUDGET, SLOW_BUDGET = 6000.0, 150.0  # joints x bundles x simulated seconds; with an engine
-LEAST, MOST = 0.7, 20.0  # bounds on the simulated seconds of all recordings
 STEPS = 20.0  # smallest travel of an informative joint [encoder steps]
 TURN = 0.01  # [rad or m] smallest travel of an informative joint
 SIZES = 6.0  # simulations for screening one hypothesis
+LIMBER = 1.0  # largest kd dt / I of damping in a preview: above, its response overshoots
+
+
+@dataclass(frozen=True)
+class Effort(Params):
+    """Work of a preview, whatever the length, number and sub-steps of the recordings."""
+
+    compiled: float = parameter(
+        1.4e7, "joints times steps, of physics and of the recording, of all simulations: 7 s on "
+        "one core of a server, at 0.5 µs each (UR5e, TX40)", low=1e4
+    )  # fmt: skip
+    engine: float = parameter(4.8e5, "steps of all simulations with a physics engine", low=1e3)
+    runs: float = parameter(
+        3.2, "simulations for each effect, and its share of those that find the floors (UR5e)",
+        low=1.0,
+    )  # fmt: skip
+    each_min: float = parameter(
+        0.5, "of an excerpt, the first 0.2 s of which are not weighed", "s", low=0.3
+    )
+    total_min: float = parameter(
+        2.0, "all excerpts together without an engine: of a UR5e that swings at 0.5 Hz 0.7 s "
+        "change 20 of 226 verdicts and treble the effects that look alike, 2.8 s change one", "s",
+        low=0.5,
+    )  # fmt: skip
+    total_max: float = parameter(20.0, "all excerpts together (taste)", "s", low=1.0)
+
+
+EFFORT = Effort()
 
 
 def look(
@@ -78,15 +106,17 @@ def look(
         return plain(_setup(model, records, findings))
     model = mend.model_mended(model, mend.changes_of(findings)) or model
     report(0.1, "running the model as it is")
-    forward = Forward(model, records, ForwardParams(window=params.window))
-    robots = [forward.robot(i) for i in range(len(records))]
-    parts = _parts(records, _seconds(forward))
-    case = _case(Forward(model, parts, ForwardParams(window=params.window)), parts)
-    offers = offer(robots[0], case.signals, hints.find(case, robots[0]))
+    robots, how = [robot_of(model, r) for r in records], ForwardParams(window=params.window)
+    limit = {"sim.damping_limit": max(LIMBER, robots[0].sim.damping_limit)}
+    quick = replace(model, overrides={**model.overrides, **limit})
+    parts = excerpts(records, _seconds(Forward(quick, records[:1], how)))
+    case = _case(Forward(quick, parts, how), parts)
+    robot = case.forward.robot()
+    offers = offer(robot, case.signals, hints.find(case, robot))
     single = [h for h in offers if "*" not in h.place]  # effects on groups show in their joints
     hypotheses, rest = separable(single)
     fixed = all(robot.fixed_base for robot in robots)
-    groups = bundles(robots[0], case.forward.channels, hypotheses, fixed)
+    groups = bundles(robot, case.forward.channels, hypotheses, fixed)
 
     def tried(share: float) -> None:
         report(0.2 + 0.7 * share, "trying every effect")
@@ -106,20 +136,20 @@ def look(
                 {"signal": c.signal, "name": c.name, "unit": c.unit, "floor": floor}
                 for c, floor in zip(case.forward.channels, case.floor, strict=True)
             ],
-            "effects": [_row(one, robots[0]) for one in results],
+            "effects": [_row(one, robot) for one in results],
             "not_tried": [
-                {"effect": name, "reason": note} for name, note in untried(robots[0], offers) + rest
+                {"effect": name, "reason": note} for name, note in untried(robot, offers) + rest
             ],
             "missing": missing(records, robots),
-            "simulated_seconds": sum(r.duration for r in parts),
-            "search_seconds": _search(forward, len(groups), params, max(1, workers)),
+            "notes": _tried(records, parts),
+            "search_seconds": _search(
+                Forward(model, parts, how), records, len(groups), params, max(1, workers)
+            ),
         }
     )
 
 
-def _setup(
-    model: Model, records: Sequence[Record], findings: Sequence[Finding]
-) -> dict[str, Any]:
+def _setup(model: Model, records: Sequence[Record], findings: Sequence[Finding]) -> dict[str, Any]:
     """Contents of ``check.json`` if the set-up must be corrected first: no effect is tested."""
     robots = [Model(model.robot, {**model.overrides, **r.overrides}).make_robot() for r in records]
     bases = [_way(robot) for robot in robots]
@@ -132,7 +162,7 @@ def _setup(
         "effects": [],
         "not_tried": [],
         "missing": missing(records, robots),
-        "simulated_seconds": 0.0,
+        "notes": [],
         "search_seconds": [],
     }
 
@@ -212,34 +242,38 @@ def _case(forward: Forward, records: list[Record]) -> Case:
 
 
 def _seconds(forward: Forward) -> float:
-    """Duration of all recordings together that is simulated for each effect [s].
+    """Duration of all excerpts together, so that all simulations stay near `EFFORT` [s].
 
     Branches of a fixed-base robot are simulated together, so that the number of bundles grows with
     the longest branch.
     """
-    robot = forward.robot()
-    if not floors.compiled(forward):
-        return min(max(SLOW_BUDGET / (20.0 * len(robot.joints)), LEAST), MOST)
-    deep = max((len(chain) for chain in chains(robot)), default=1)
-    return min(max(BUDGET / (35.0 * deep * len(robot.joints)), LEAST), MOST)
+    robot, dt = forward.robot(), running.period(forward.records[0])
+    work, effects, floor = EFFORT.engine, 20.0 * len(robot.joints), EFFORT.each_min
+    if floors.compiled(forward):
+        floor = EFFORT.total_min
+        effects = 35.0 * max((len(chain) for chain in chains(robot)), default=1)
+        work = EFFORT.compiled / len(robot.joints)
+    rate = 1.0 / running.step(robot, dt) + 1.0 / dt
+    return min(max(work / (effects * EFFORT.runs * rate), floor), EFFORT.total_max)
 
 
-def _parts(records: Sequence[Record], seconds: float) -> list[Record]:
-    """The part of each recording with the most motion, within a total duration."""
-    share = seconds / len(records)
-    return [_busiest(r, share) if r.duration > share else r for r in records]
+def excerpts(records: Sequence[Record], seconds: float) -> list[Record]:
+    """The part of each recording with the most motion, within a total duration.
+
+    Of recordings too many for that, some are chosen, evenly spread.
+    """
+    count = min(max(int(seconds / EFFORT.each_min), 1), len(records))
+    chosen = np.linspace(0.0, len(records) - 1.0, count).round().astype(int)
+    return [busiest(records[i], max(seconds / count, EFFORT.each_min)) for i in chosen]
 
 
-def _busiest(record: Record, seconds: float) -> Record:
-    """The part of a recording, of given duration, with the most joint motion."""
-    rates = np.nan_to_num(np.diff(record.signals["q"], axis=0))
-    size = np.maximum(np.sqrt(np.mean(rates**2, axis=0)), 1e-12)
-    energy = np.concatenate([[0.0], np.cumsum(np.mean((rates / size) ** 2, axis=1))])
-    width = max(50, round(seconds / record.dt))
-    if width >= len(energy):
-        return record
-    first = int(np.argmax(energy[width:] - energy[:-width]))
-    return record.rows(first, first + width + 1)
+def _tried(records: Sequence[Record], parts: Sequence[Record]) -> list[str]:
+    """A sentence on the excerpts on which effects were tried; none if they are everything."""
+    part, total = (sum(r.duration for r in each) for each in (parts, records))
+    if part > 0.99 * total:
+        return []
+    return [f"effects were tried on excerpts, the parts that move most: {part:.3g} s of "
+            f"{total:.3g} s, from {len(parts)} of {len(records)} recordings"]  # fmt: skip
 
 
 def _row(one: Visible, robot: Robot) -> dict[str, Any]:
@@ -260,10 +294,12 @@ def _travel(q: np.ndarray) -> np.ndarray:
     return np.where(valid.any(axis=0), high - low, np.nan)
 
 
-def _search(forward: Forward, count: int, params: GapParams, workers: int) -> list[float]:
+def _search(
+    forward: Forward, records: Sequence[Record], count: int, params: GapParams, workers: int
+) -> list[float]:
     """Processor time of a search that finds one effect, and of the longest search [s].
 
-    The initial model is timed over the shortest recording. The estimate counts simulations of the
+    The initial model is timed over the shortest excerpt. The estimate counts simulations of the
     screening (`SIZES` per bundle), of rough fits and of complete fits.
     """
     index = int(np.argmin([r.duration for r in forward.records]))
@@ -272,8 +308,8 @@ def _search(forward: Forward, count: int, params: GapParams, workers: int) -> li
     forward(only=[index])
     speed = (time.process_time() - began) / forward.records[index].duration
     fine = 1.0 / floors.finest(forward)
-    total = sum(r.duration for r in forward.records)
-    longest = max(r.duration for r in forward.records)
+    total = sum(r.duration for r in records)
+    longest = max(r.duration for r in records)
     part = min(total, max(params.screen_seconds, longest))
     ready = (7.0 * fine + 1.0 + (7.0 if _rounds(forward.robot()) else 0.0)) * total
     screening = count * SIZES * part

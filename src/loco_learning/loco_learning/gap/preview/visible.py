@@ -192,9 +192,8 @@ def try_bundle(case: Case, bundle: Bundle, shows: float, base: np.ndarray) -> li
 
 def _told(case: Case, trials: Sequence[_Trial]) -> list[Visible]:
     """Results of the trials, with other effects of similar responses."""
-    responses = [_unit(t) for t in trials]
-    rows = []
-    for trial, response in zip(trials, responses, strict=True):
+    effects, rows = np.array([t.hypothesis.effect for t in trials]), []
+    for trial, same in zip(trials, _same(trials), strict=True):
         h, c = trial.hypothesis, trial.hypothesis.coordinates[trial.strength]
         prior = EFFECTS[h.effect].identity.priors.get(c.name)
         typical, high = abs(c.size), abs(prior.high) if prior else math.inf
@@ -203,11 +202,7 @@ def _told(case: Case, trials: Sequence[_Trial]) -> list[Visible]:
         channel, similar = "", set()
         if verdict != NO:
             channel = str(case.forward.channels[trial.best.channel])
-            similar = {
-                t.hypothesis.effect
-                for t, other in zip(trials, responses, strict=True)
-                if other is not None and abs(float(response @ other)) > SAME
-            } - {h.effect}
+            similar = {*effects[same].tolist()} - {h.effect}
         rows.append(
             Visible(h.effect, h.variant, h.place, c.label, c.unit, smallest, typical, high, verdict,
                     channel, tuple(sorted(similar)), trial.failed)
@@ -215,8 +210,12 @@ def _told(case: Case, trials: Sequence[_Trial]) -> list[Visible]:
     return rows
 
 
-def _unit(trial: _Trial) -> np.ndarray | None:
-    """Response normalised to length 1; None if there is none."""
-    if trial.best is None or trial.best.level < DEAD:
-        return None
-    return trial.best.column / np.linalg.norm(trial.best.column)
+def _same(trials: Sequence[_Trial]) -> np.ndarray:
+    """Flags of pairs of responses that are alike, (E, E); False where there is none."""
+    live = [i for i, t in enumerate(trials) if t.best is not None and t.best.level >= DEAD]
+    same = np.zeros((len(trials), len(trials)), dtype=bool)
+    if live:
+        responses = np.stack([trials[i].best.column for i in live])
+        responses /= np.linalg.norm(responses, axis=1, keepdims=True)
+        same[np.ix_(live, live)] = np.abs(responses @ responses.T) > SAME
+    return same
