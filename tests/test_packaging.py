@@ -109,7 +109,10 @@ def test_every_executable_has_its_function(package):
         path = PYTHON_PACKAGES[package] / (module.replace(".", "/") + ".py")
         assert path.is_file(), f"{entry}: no such module"
         body = ast.parse(path.read_text()).body
-        assert function in {n.name for n in body if isinstance(n, ast.FunctionDef)}, entry
+        names = {n.name for n in body if isinstance(n, ast.FunctionDef)}
+        names |= {t.id for n in body if isinstance(n, ast.Assign) for t in n.targets
+                  if isinstance(t, ast.Name)}  # fmt: skip
+        assert function in names, entry
 
 
 def imported_packages(package: str) -> set[str]:

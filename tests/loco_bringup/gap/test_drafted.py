@@ -80,7 +80,7 @@ def test_a_log_without_commands_is_moved_by_its_torques(search, tmp_path):
     code, said, asked = search("my.csv")
     assert code == 0 and "pivot_torque is command_torque of pivot" in said
     values = read_yaml(tmp_path / "out/drafts/robot/robot.yaml")
-    assert values["drives"] == {"pivot": {"kind": "torque"}} and "guessed" not in values
+    assert values["drives"] == {"pivot": {"kind": "torque"}} and values["guessed"] == ["control_rate"]
     assert asked["fit"][0].command["torque"][:, 0] == pytest.approx(np.cos(3.0 * T), abs=1e-6)
 
 

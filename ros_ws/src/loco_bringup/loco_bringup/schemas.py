@@ -181,7 +181,7 @@ def _robot() -> Schema:
         "bodies": _by_name(of_params(equipment.BodyParams), "link"),
         **{k: of_params(v) for k, v in (("sensors", SensorParams), ("sim", SimParams))},
         "fall": of_params(FallLimits),
-        "guessed": {**_nullable(TEXTS), "description": "sections that a draft guessed: drives"},
+        "guessed": {**_nullable(TEXTS), "description": "what a draft guessed: control_rate, drives"},
         "uncertain": _by_name({**deviation, "description": "standard deviation"}, "dotted name"),
     }
     return _mapping(keys, ("urdf", "joints"))

@@ -68,7 +68,7 @@ class Robot:
         fall: Limits of height and tilt beyond which the robot counts as fallen.
         driven: Indices of the joints with a drive, (m,); the others are passive.
         control_rate: Default rate of commands [Hz].
-        rate_stated: Whether robot.yaml states that rate.
+        rate_stated: Whether robot.yaml states that rate, and no draft guessed it.
         sim: Default physics parameters of the robot.
         drives: Drives by joint.
         springs: Springs and dampers by joint.
@@ -82,7 +82,7 @@ class Robot:
             `legs.geometry.COLUMNS`; None for other robots.
         uncertain: Standard deviation of uncertain values, by dotted name, in the unit of each
             value.
-        guessed: Sections of ``robot.yaml`` that a draft guessed, such as "drives".
+        guessed: Sections of ``robot.yaml`` that a draft guessed: "control_rate" and "drives".
         followers: Leader, factor and offset [rad or m] of each joint that follows another one
             (``<mimic>``), by name.
         mass: Mass of all links [kg].
@@ -282,7 +282,7 @@ def _fit(
         "fall": from_dict(FallLimits, values["fall"], "fall"),
         "driven": np.array([i for i, joint in enumerate(joints) if joint in drives], dtype=int),
         "control_rate": float(rate),
-        "rate_stated": "control_rate" in values,
+        "rate_stated": "control_rate" in {*values} - {*(values.get("guessed") or ())},
         "sim": from_dict(SimParams, values["sim"], "sim"),
         "sensors": sensors if values["sensors"] else None,
         "hall": sensors.hall_sensors(folder, joints),

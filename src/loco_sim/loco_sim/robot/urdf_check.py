@@ -13,6 +13,7 @@ import re
 import xml.etree.ElementTree as ET
 from collections import Counter
 from collections.abc import Iterator, Sequence
+from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
@@ -73,16 +74,21 @@ def parse_xml(text: str, name: str) -> ET.Element:
     Raises:
         ParameterError: The text is not XML.
     """
-    text = text.strip("\0\ufeff \t\r\n")
-    used = set(re.findall(r"[<\s]/?([A-Za-z_][\w.-]*):[\w.-]+[\s/>=]", text)) - {"xmlns", "xml"}
-    missing = sorted(prefix for prefix in used if f"xmlns:{prefix}=" not in text)
-    declared = "".join(f' xmlns:{prefix}="{prefix}"' for prefix in missing)
     try:
-        return ET.fromstring(re.sub(r"<(\w+)", rf"<\1{declared}", text, count=1))
+        return ET.fromstring(_with_namespaces(text.strip("\0\ufeff \t\r\n")))
     except ET.ParseError as error:
         raise ParameterError(f"{name} is not XML: {error}") from None
     except ValueError as error:  # an unknown encoding
         raise ParameterError(f"{name} cannot be read: {error}") from None
+
+
+@lru_cache(maxsize=8)  # a search parses the same text for each simulation
+def _with_namespaces(text: str) -> str:
+    """The text with its undeclared namespace prefixes declared."""
+    used = set(re.findall(r"[<\s]/?([A-Za-z_][\w.-]*):[\w.-]+[\s/>=]", text)) - {"xmlns", "xml"}
+    missing = sorted(prefix for prefix in used if f"xmlns:{prefix}=" not in text)
+    declared = "".join(f' xmlns:{prefix}="{prefix}"' for prefix in missing)
+    return re.sub(r"<(\w+)", rf"<\1{declared}", text, count=1)
 
 
 def is_xacro(root: ET.Element) -> bool:

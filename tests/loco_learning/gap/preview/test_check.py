@@ -2,6 +2,8 @@
 """What shows in recordings: sizes that are promised show, and what nothing excites does not."""
 
 import math
+import subprocess
+import sys
 from dataclasses import replace
 
 import numpy as np
@@ -220,3 +222,15 @@ def test_excerpts_tell_the_same_effects_and_say_so(slide, found, short):
         if whole["seen"] != "no":
             sizes.append(math.log(part["smallest"] / whole["smallest"]))
     assert abs(np.median(sizes)) < math.log(1.5)
+
+
+def test_a_check_is_loaded_without_what_it_seldom_needs():
+    """The signal package of scipy alone loads for half a second, and brings statistics."""
+    code = (
+        "import sys, loco_learning.gap.workflow, loco_learning.gap.preview.check;"
+        "print([m for m in ('scipy.signal', 'scipy.stats', 'scipy.interpolate')"
+        " if type(sys.modules.get(m, 0)).__name__ == 'module'])"
+    )
+    command = [sys.executable, "-c", code]
+    result = subprocess.run(command, capture_output=True, text=True, check=True)
+    assert result.stdout.strip() == "[]"

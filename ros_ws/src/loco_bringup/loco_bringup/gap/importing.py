@@ -71,7 +71,7 @@ def drafted(
     if fresh and given:
         roles = {column.role for column in mapping.load(given).columns}
         if "command_torque" in roles and "command_position" not in roles:
-            text = re.sub(r"^guessed: .*\n", "", own.read_text(encoding="utf-8"), flags=re.M)
+            text = own.read_text(encoding="utf-8").replace("[control_rate, drives]", "[control_rate]")
             write_whole(own, re.sub(r"kind: impedance, [^}]*", "kind: torque", text))
     if is_drafted:
         keys = re.findall(r"^(\w+):.*# guessed", own.read_text(encoding="utf-8"), re.M)

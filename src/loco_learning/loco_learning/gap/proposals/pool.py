@@ -6,9 +6,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from scipy.signal import correlate
 
 from loco_control.exceptions import DivergedError, LocoError, NameUnknownError, ParameterError
+from loco_sim import lazy
 from loco_sim.plant.model import Model
 from loco_sim.robot.robot import Robot
 
@@ -18,6 +18,8 @@ from ...runs.rollout import rollout
 from ..prediction import running
 from ..recordings.record import Record, bridged
 from .excitation import joints_of, library
+
+signal = lazy.module("scipy.signal")  # loaded on first use, since it takes 0.5 s
 
 SAME = 0.98  # cosine above which two motions are the same; noise and smoothing are less (taste)
 SHRINK, TRIES = 0.7, 6  # scaling of a motion that violates a limit, and number of attempts
@@ -77,9 +79,9 @@ def _even(t: np.ndarray, values: np.ndarray, dt: float) -> np.ndarray:
 def _likeness(short: np.ndarray, long: np.ndarray) -> float:
     """Largest cosine of a motion and a part of a longer one, both (S, n)."""
     pairs = list(zip(short.T, long.T, strict=True))
-    product = sum(correlate(b, a, mode="valid", method="fft") for a, b in pairs)
+    product = sum(signal.correlate(b, a, mode="valid", method="fft") for a, b in pairs)
     window = np.ones(len(short))
-    energy = sum(correlate(b**2, window, mode="valid", method="fft") for _, b in pairs)
+    energy = sum(signal.correlate(b**2, window, mode="valid", method="fft") for _, b in pairs)
     size = np.sqrt(np.square(short).sum() * np.maximum(energy, 0.0))
     return float(np.max(product / np.maximum(size, 1e-12 + 1e-9 * np.max(size))))
 

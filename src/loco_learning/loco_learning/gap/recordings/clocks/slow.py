@@ -12,13 +12,15 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from scipy.interpolate import Akima1DInterpolator
 
+from loco_sim import lazy
 from loco_sim.robot.robot import Robot
 
 from ..record import Doubt
 from ..tracks import Track
 from .params import SLOW
+
+interpolate = lazy.module("scipy.interpolate")  # loaded on first use
 
 
 def undersampled(tracks: Sequence[Track], rate: float, robot: Robot) -> list[Track]:
@@ -69,7 +71,7 @@ def interpolated(track: Track, axis: np.ndarray, robot: Robot) -> tuple[np.ndarr
     """
     delay = 0.5 / robot.control_rate - 0.5 * float(axis[1] - axis[0])  # mean of a held command
     t = np.clip(axis - delay, track.t[0], track.t[-1])
-    fine, coarse = (Akima1DInterpolator(track.t[::n], track.x[::n]) for n in (1, 2))
+    fine, coarse = (interpolate.Akima1DInterpolator(track.t[::n], track.x[::n]) for n in (1, 2))
     inside = np.minimum(t, coarse.x[-1])
     ratio = max(_error(track, 4), 1e-300) / max(_error(track, 2), 1e-300)
     order = float(np.clip(math.log2(ratio), 1.0, SLOW.order))
@@ -78,7 +80,7 @@ def interpolated(track: Track, axis: np.ndarray, robot: Robot) -> tuple[np.ndarr
 
 def _error(track: Track, n: int) -> float:
     """Rms error of the cubic through every n-th sample, at the samples halfway between them."""
-    cubic = Akima1DInterpolator(track.t[::n], track.x[::n])
+    cubic = interpolate.Akima1DInterpolator(track.t[::n], track.x[::n])
     middle = slice(n // 2, None, n)
     return float(np.sqrt(np.nanmean(np.square(cubic(track.t[middle]) - track.x[middle]))))
 
