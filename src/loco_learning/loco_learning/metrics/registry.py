@@ -284,11 +284,8 @@ def nrmse_author(log: Log) -> float:
 @metric("-", "3.36", "prediction", learner=True, min_change=0.005, share=0.1)
 def shape_error(log: Log) -> float:
     """NRMSE per stride, each at its best time shift: the shape of the gait without its timing."""
-    (target, prediction), stride, errors = (
-        quantities.target_and_prediction(log),
-        quantities.period(log),
-        [],
-    )
+    target, prediction = quantities.target_and_prediction(log)
+    stride, errors = quantities.period(log), []
     for start in range(stride, len(log) - 2 * stride + 1, stride):
         actual = prediction[start : start + stride]
         shifts = range(start - stride // 2, start + stride // 2 + 1)

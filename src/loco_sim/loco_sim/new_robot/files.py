@@ -172,7 +172,7 @@ class Folder:
         if bolted:
             lines.append(f"height: {self._height:g}  # guessed: nothing touches the ground [m]")
         lines.append(f"control_rate: {RATE:g}  # guessed [Hz]")
-        lines.append("guessed: [control_rate, drives]  # `loco gap` fits drives; delete what you know")
+        lines.append("guessed: [control_rate, drives]  # `loco gap` fits drives; delete once known")
         lines.append("drives:  # guessed; a kp of 0 is a wheel that follows a velocity")
         for name, kp, kd in zip(body.joints, gains.kp, gains.kd, strict=True):
             if name not in draft.loose:

@@ -124,6 +124,11 @@ class Robot:
         return bool(self.drives or self.springs)
 
     @property
+    def encoder_step(self) -> float:
+        """Largest step to which a drive rounds its position [rad or m]; 0 if none does."""
+        return max((getattr(d, "resolution", 0.0) for d in self.drives.values()), default=0.0)
+
+    @property
     def damping(self) -> np.ndarray:
         """Largest damping of drive and spring of each joint [N·m·s/rad], (n,)."""
         parts = [(self.drives.get(joint), self.springs.get(joint)) for joint in self.joints]

@@ -377,9 +377,7 @@ def beyond(case: Case, model: Fitted, setting: Setting) -> Fitted:
 
 def _strides(case: Case, parts: Parts, units: np.ndarray) -> list[tuple[int, float]]:
     """Indices of coordinates that may have several minima, and the distance between these."""
-    robot = case.forward._robot(0, {}, 1.0)
-    step = max((getattr(d, "resolution", 0.0) for d in robot.drives.values()), default=0.0)
-    strides = []
+    step, strides = case.forward._robot(0, {}, 1.0).encoder_step, []
     for i, c in enumerate(c for hypothesis, _ in parts for c in hypothesis.coordinates):
         if c.logarithmic:
             strides.append((i, FACTOR / units[i]))

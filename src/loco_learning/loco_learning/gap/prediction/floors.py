@@ -66,8 +66,7 @@ def hunting(forward: Any, step: float) -> list[np.ndarray]:
     depends on the smallest differences, and other joints follow: a knee that leaves its stop
     because of a step of the hip may swing a tenth further or less. No model predicts the phase.
     """
-    robot = forward._robot(0, {}, 1.0)
-    rounding = max((getattr(d, "resolution", 0.0) for d in robot.drives.values()), default=0.0)
+    rounding = forward._robot(0, {}, 1.0).encoder_step
     if not rounding > 0.0:
         return [np.zeros(m.shape) for m in forward.measured]
     places = [

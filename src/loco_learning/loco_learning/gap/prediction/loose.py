@@ -356,8 +356,8 @@ def _about(
     values = len(loose.at)
     for i, own in enumerate(starts):  # a record without deviations has no columns of its own
         found[i] = found[i][..., : values + len(own)]
-    rounds = any(getattr(d, "resolution", 0.0) for d in case.forward.robot().drives.values())
-    if math.isfinite(loose.most) and not case.ground and not rounds:  # else in `floors.hunting`
+    rounds = case.forward.robot().encoder_step > 0.0  # then in `floors.hunting`
+    if math.isfinite(loose.most) and not case.ground and not rounds:
         found = _timed(case, found, specs, loose.values(loose.at))
     return replace(loose, columns=tuple(found), grams={})
 

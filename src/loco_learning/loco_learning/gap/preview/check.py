@@ -311,18 +311,14 @@ def _search(
     total = sum(r.duration for r in records)
     longest = max(r.duration for r in records)
     part = min(total, max(params.screen_seconds, longest))
-    ready = (7.0 * fine + 1.0 + (7.0 if _rounds(forward.robot()) else 0.0)) * total
+    phases = 7.0 if forward.robot().encoder_step > 0.0 else 0.0  # of limit cycles
+    ready = (7.0 * fine + 1.0 + phases) * total
     screening = count * SIZES * part
     coarse = 2 * params.keep * (params.rough + 4) * part * fine
     fits = params.finalists * (params.evaluations + 10) * total * fine
     level = screening + coarse + fits
     seconds = [speed * (ready + n * level / workers) for n in (1, params.most_terms)]
     return [float(f"{s:.2g}") for s in seconds]
-
-
-def _rounds(robot: Robot) -> bool:
-    """True if a drive quantises its encoder: its limit cycle is simulated in several phases."""
-    return any(getattr(drive, "resolution", 0.0) > 0.0 for drive in robot.drives.values())
 
 
 def _list(names: Sequence[str], most: int = 6) -> str:

@@ -80,8 +80,8 @@ def run(p: ArgumentParser) -> None:
     engine(p)
     option(p, "--set", list, "override one value, e.g. gait.speed=0.3 (repeatable)", "KEY=VALUE")
     option(p, "--nodes", str, "node set, name or YAML path (default: as the experiment)")
-    option(p, "--fault", list, "damage the messages of a topic (repeatable) "
-           "", "TOPIC:KIND[:NAME=VALUE]")  # fmt: skip
+    option(p, "--fault", list, "damage the messages of a topic (repeatable)",
+           "TOPIC:KIND[:NAME=VALUE]")  # fmt: skip
     option(p, "--tick", list, "a parameter of the plant's clock, e.g. late=safe-stop", "KEY=VALUE")
     option(p, "--realtime", list, "ask the kernel, e.g. for fifo=80, cpus=1, lock_memory=true, "
            "timer_slack=1000", "KEY=VALUE")  # fmt: skip
