@@ -49,6 +49,8 @@ from ..gap.test_check import LATE, MAPPING, T, good
 from .test_html import BLOCKS
 
 PHONE = 390  # [pixel]
+SCREEN = 844  # height [pixel]
+MOST = 3_000_000  # [byte]
 NAMES = ("chromium", "chromium-browser", "google-chrome")
 BROWSER = next(filter(shutil.which, NAMES), None)
 AXE = importlib.util.find_spec("axe_core_python")
@@ -64,6 +66,7 @@ new MutationObserver(async (_, seer) => {
   told.id = "told";
   told.textContent = JSON.stringify({
     wide: document.body.scrollWidth,
+    answer: document.querySelector(".answer")?.getBoundingClientRect().bottom ?? 0,
     plots: document.querySelectorAll(".plot canvas, .frame > svg:has(path)").length,
     serious: serious.map((v) => [v.id, v.nodes[0].html.slice(0, 200)]) });
 }).observe(document.documentElement, { attributeFilter: ["data-drawn"] });
@@ -94,6 +97,19 @@ new MutationObserver(async (_, seer) => {
   said.saved = await blob.text();
   const told = document.body.appendChild(document.createElement("pre"));
   told.id = "told"; told.textContent = JSON.stringify(said);
+}).observe(document.documentElement, { attributeFilter: ["data-drawn"] });
+</script></head>"""
+
+# A hand that shares the page, on a device that shares no files.
+SHARE = """<script>
+new MutationObserver(async (_, seer) => {
+  seer.disconnect();
+  const kept = [];
+  URL.createObjectURL = (saved) => { kept.push(saved); return "#saved"; };
+  document.getElementById("share").click();
+  const told = document.body.appendChild(document.createElement("pre"));
+  told.id = "told";
+  told.textContent = JSON.stringify({ name: kept[0].name, saved: await kept[0].text() });
 }).observe(document.documentElement, { attributeFilter: ["data-drawn"] });
 </script></head>"""
 
@@ -264,8 +280,10 @@ def test_a_page_is_for_everyone(name, look, tmp_path):
         told = opened(text.replace("</head>", SCRIPT % (axe, PHONE, PHONE)), tmp_path)
         if told["wide"] <= PHONE:
             break
-    assert told["serious"] == []
+    assert told["serious"] == [] and len(text.encode()) < MOST
     assert told["wide"] <= PHONE
+    if name == "gap":
+        assert 0 < told["answer"] <= SCREEN
     assert told["plots"] == sum(len(json.loads(data)["panels"]) for data in plotted(text)) > 0
 
 
@@ -277,6 +295,14 @@ def test_a_cell_says_its_value_opens_its_case_and_is_saved(tmp_path):
     head, *rows = told["saved"].splitlines()
     assert head == '"frame","name","x","y","x end","y end","text"'
     assert [row for row in rows if '"100","1"' in row and " W" in row]
+
+
+def test_what_is_shared_is_the_page_before_anything_was_drawn(tmp_path):
+    text = written("gap").replace("</head>", SHARE)
+    told = opened(text, tmp_path)
+    assert told["name"] == "gap_of_servo_pendulum.html"
+    assert plotted(told["saved"]) == plotted(text) and "<canvas" not in told["saved"]
+    assert opened(told["saved"], tmp_path) == told
 
 
 def opened(text, folder):

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 "use strict";
-const root = document.documentElement, theme = document.getElementById("theme");
+const root = document.documentElement, theme = document.getElementById("theme"), share = document.getElementById("share");
+const original = "<!DOCTYPE html>\n" + root.outerHTML;  // before anything is drawn or shown
 function dark() {
   return (root.dataset.theme || (matchMedia("(prefers-color-scheme: dark)").matches ? "dark" : "light")) === "dark";
 }
@@ -10,13 +11,33 @@ function dress(wanted) {
   for (const chart of charts) chart.redraw(false);
 }
 const charts = [];
-theme.hidden = false;
+theme.hidden = share.hidden = false;
 theme.addEventListener("click", () => {
   const wanted = dark() ? "light" : "dark";
   try { localStorage.setItem("loco-theme", wanted); } catch (error) { /* a page without storage forgets */ }
   dress(wanted);
 });
 matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => dress(""));
+function fileOf(text, name, kind) {
+  return new File([text], `${name.toLowerCase().replaceAll(/[^a-z0-9]+/g, "_")}.${kind}`, { type: `text/${kind}` });
+}
+function download(file) {
+  const link = document.createElement("a");
+  link.href = URL.createObjectURL(file);
+  link.download = file.name;
+  link.click();
+  setTimeout(() => URL.revokeObjectURL(link.href), 1000);
+}
+// By what the device shares files with; a device that shares none saves the file.
+share.addEventListener("click", async () => {
+  const file = fileOf(original, document.title, "html");
+  try {
+    if (!navigator.canShare?.({ files: [file] })) throw new Error("shares no files");
+    await navigator.share({ files: [file], title: document.title });
+  } catch (error) {
+    if (error.name !== "AbortError") download(file);
+  }
+});
 function add(parent, tag, className, text) {
   const made = parent.appendChild(document.createElement(tag));
   made.className = className;

@@ -41,11 +41,7 @@ function shade(chart, spans, named) {
 function save(name, head, rows) {
   const cell = (v) => (v == null ? "" : typeof v === "number" ? +v.toPrecision(7) : `"${v.replaceAll('"', '""')}"`);
   const text = [head, ...rows].map((row) => row.map(cell).join(",") + "\n").join("");
-  const link = document.createElement("a");
-  link.href = URL.createObjectURL(new Blob([text], { type: "text/csv" }));
-  link.download = name.toLowerCase().replaceAll(/[^a-z0-9]+/g, "_") + ".csv";
-  link.click();
-  setTimeout(() => URL.revokeObjectURL(link.href), 1000);
+  download(fileOf(text, name, "csv"));
 }
 function button(parent, text) {
   const made = add(parent, "button", "", text);
