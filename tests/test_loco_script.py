@@ -415,3 +415,11 @@ def test_the_probe_accepts_this_python(checkout):
     probe = text.split("probe='")[1].split("'\n")[0]
     base = os.path.realpath("/proc/self/exe")
     subprocess.run([base, "-c", probe], check=True, capture_output=True)
+
+
+def test_compiled_modules_are_kept_also_where_the_environment_forbids_it(checkout):
+    """Else each process of a graph compiles some 300 modules anew."""
+    checkout.start("report", PYTHONDONTWRITEBYTECODE="1", PYTHONHOME="elsewhere")
+    given = Path(f"{checkout.calls}.env").read_text()
+    assert "CALLS=" in given
+    assert "PYTHONDONTWRITEBYTECODE" not in given and "PYTHONHOME" not in given

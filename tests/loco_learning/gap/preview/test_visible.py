@@ -81,12 +81,25 @@ def test_a_response_that_is_no_line_is_followed(power):
     assert 0.4 * wanted < one.smallest < 2.5 * wanted  # near by it counts as a line
 
 
-def test_a_size_that_comes_back_to_where_it_was_ends_the_tries():
-    """Far too loud from some size on and nothing below: sizes go to and fro."""
-    case = Case({("coulomb_friction", "knee"): (100.0, 0.0)}, lambda size: float(size >= 1.0))
-    (one,) = tried(case, law(size=strength(most=1.0)))
-    assert one.smallest == pytest.approx(1.0 / visible.NEAR)
-    assert len(case.asked) == visible.TRIES
+@pytest.mark.parametrize("threshold", [0.4, 0.2, 0.02])
+def test_a_threshold_is_enclosed_between_a_dead_and_a_loud_size(threshold):
+    """Far too loud from some size on and nothing below."""
+    case = Case({("coulomb_friction", "knee"): (100.0, 0.0)}, lambda size: float(size >= threshold))
+    (one,) = tried(case, law())
+    tried_sizes = [size for size in case.asked if size > 0.0]
+    loud = min(size for size in tried_sizes if size >= threshold)
+    dead = max(size for size in tried_sizes if size < threshold)
+    assert one.smallest == pytest.approx(loud / visible.NEAR)
+    assert loud <= visible.NEAR**2 * dead or len(tried_sizes) == visible.TRIES
+
+
+@pytest.mark.parametrize("level", [0.0, 40.0])
+def test_sizes_far_apart_with_the_same_response_end_the_tries(level):
+    """An effect without influence, and one that has saturated."""
+    case = Case({("coulomb_friction", "knee"): (level, 0.0)}, lambda size: float(size > 0.0))
+    (one,) = tried(case, law())
+    assert len(case.asked) == 2
+    assert (one.seen == visible.NO) is (level == 0.0)
 
 
 def test_what_does_nothing_has_no_size_that_shows():

@@ -90,7 +90,8 @@ def look(
         records: All recordings, including held-out ones.
         params: Settings of a later search.
         progress: Called with the completed share and the stage.
-        workers: Number of processes; it only influences the expected duration of a search.
+        workers: Number of processes for simulations with an engine; without one, a second process
+            costs more to start than it saves. It also influences the expected duration of a search.
 
     Returns:
         Contents of ``check.json``.
@@ -102,8 +103,9 @@ def look(
     report = progress or (lambda share, stage: None)
     report(0.0, "looking at the set-up")
     findings = family.look(model, records)
+    robots = [robot_of(model, r) for r in records]
     if any(finding.stops for finding in findings):
-        return plain(_setup(model, records, findings))
+        return _contents(model, records, robots, findings)
     model = mend.model_mended(model, mend.changes_of(findings)) or model
     report(0.1, "running the model as it is")
     robots, how = [robot_of(model, r) for r in records], ForwardParams(window=params.window)
@@ -122,49 +124,42 @@ def look(
         report(0.2 + 0.7 * share, "trying every effect")
 
     tried(0.0)
-    with pool.start(call, (case,), workers if workers > 1 else 0) as tasks:
+    alone = workers < 2 or floors.compiled(case.forward)
+    with pool.start(call, (case,), 0 if alone else workers) as tasks:
         results = visible.look(case, groups, math.sqrt(LIMITS.explained**2 - 1.0), tasks, tried)
     report(0.9, "timing the search")
-    bases = [_way(robot) for robot in robots]
+    part = Forward(model, parts, how)
+    return _contents(
+        model, records, robots, findings,
+        channels=[
+            {"signal": c.signal, "name": c.name, "unit": c.unit, "floor": floor}
+            for c, floor in zip(case.forward.channels, case.floor, strict=True)
+        ],
+        effects=[_row(one, robot) for one in results],
+        not_tried=[{"effect": e, "reason": note} for e, note in untried(robot, offers) + rest],
+        notes=_tried(records, parts),
+        search_seconds=_search(part, records, len(groups), params, max(1, workers)),
+    )  # fmt: skip
+
+
+def _contents(
+    model: Model, records: Sequence[Record], robots: Sequence[Robot], findings: Sequence[Finding],
+    **results: list,
+) -> dict[str, Any]:  # fmt: skip
+    """Contents of ``check.json``; no effect is tested if the set-up must be corrected first."""
+    empty = {name: [] for name in ("channels", "effects", "not_tried", "notes", "search_seconds")}
+    about = [recording(r, _way(robot)) for r, robot in zip(records, robots, strict=True)]
     return plain(
         {
             "format": FORMAT,
             "robot": model.robot,
             "setup": [finding.plain() for finding in findings],
-            "recordings": [recording(r, base) for r, base in zip(records, bases, strict=True)],
-            "channels": [
-                {"signal": c.signal, "name": c.name, "unit": c.unit, "floor": floor}
-                for c, floor in zip(case.forward.channels, case.floor, strict=True)
-            ],
-            "effects": [_row(one, robot) for one in results],
-            "not_tried": [
-                {"effect": name, "reason": note} for name, note in untried(robot, offers) + rest
-            ],
+            "recordings": about,
             "missing": missing(records, robots),
-            "notes": _tried(records, parts),
-            "search_seconds": _search(
-                Forward(model, parts, how), records, len(groups), params, max(1, workers)
-            ),
+            **empty,
+            **results,
         }
     )
-
-
-def _setup(model: Model, records: Sequence[Record], findings: Sequence[Finding]) -> dict[str, Any]:
-    """Contents of ``check.json`` if the set-up must be corrected first: no effect is tested."""
-    robots = [Model(model.robot, {**model.overrides, **r.overrides}).make_robot() for r in records]
-    bases = [_way(robot) for robot in robots]
-    return {
-        "format": FORMAT,
-        "robot": model.robot,
-        "setup": [finding.plain() for finding in findings],
-        "recordings": [recording(r, base) for r, base in zip(records, bases, strict=True)],
-        "channels": [],
-        "effects": [],
-        "not_tried": [],
-        "missing": missing(records, robots),
-        "notes": [],
-        "search_seconds": [],
-    }
 
 
 def recording(record: Record, way: str) -> dict[str, Any]:

@@ -23,7 +23,8 @@ from ..hypotheses.hypotheses import Hypothesis
 from ..prediction.case import Case
 
 TRIES = 4  # sizes of an effect that are simulated
-GROW, SHRINK = 30.0, 0.03  # largest and smallest factor from one tried size to the next
+GROW, SHRINK = 30.0, 3e-3  # largest and smallest factor from one tried size to the next
+FAR, LEVEL = 5.0, 1.1  # sizes this factor apart with levels within this one: a flat response
 NEAR = 2.0  # factor from the target response within which the response is taken as linear
 DEAD = 1e-6  # response over a visible one below which there is none
 FLAT, STEEP = 0.3, 3.0  # bounds on the exponent of the response over the size (taste)
@@ -73,9 +74,9 @@ class _Size(NamedTuple):
     column: np.ndarray  # change of all values [floors], (N,)
 
     @property
-    def off(self) -> float:
-        """Absolute logarithm of the level: distance from a just visible response."""
-        return abs(math.log(max(self.level, 1e-9)))
+    def log(self) -> float:
+        """Logarithm of the level: 0 for a just visible response."""
+        return math.log(max(self.level, 1e-9))
 
 
 @dataclass
@@ -87,6 +88,8 @@ class _Trial:
     channels: np.ndarray | None  # channels of its branch, (C,) flags; None is all
     x: float
     best: _Size | None = None
+    dead: float = 0.0  # largest size without a response
+    loud: float = math.inf  # smallest visible size
     done: bool = False
     failed: str = ""
 
@@ -113,11 +116,37 @@ class _Trial:
         channel = int(np.argmax(rms))
         level = float(rms[channel]) / shows
         size = _Size(self.x, level, channel, response.astype(np.float32))
-        factor = min(max(max(level, 1e-9) ** (-1.0 / self._power(size)), SHRINK), GROW)
-        if self.best is None or size.off < self.best.off:
+        power, flat = self._power(size), self._same(size, FAR)
+        if self._nearer(size):
             self.best = size
-        self.x = self.hypothesis.coordinates[self.strength].clipped(self.x * factor)
-        self.done = 1.0 / NEAR <= level <= NEAR or self.x == size.x
+        if level < DEAD:
+            self.dead = max(self.dead, self.x)
+        elif level > 1.0:
+            self.loud = min(self.loud, self.x)
+        x = self.x * min(max(max(level, 1e-9) ** (-1.0 / power), SHRINK), GROW)
+        jump = 0.0 < self.dead < self.loud < math.inf  # no response below a threshold
+        if jump and not self.dead < x < self.loud:
+            x = math.sqrt(self.dead * self.loud)
+        self.x = self.hypothesis.coordinates[self.strength].clipped(x)
+        visible = 1.0 / NEAR <= level <= NEAR or (jump and self.loud <= NEAR**2 * self.dead)
+        self.done = visible or flat or self.x == size.x
+
+    def _nearer(self, size: _Size) -> bool:
+        """Whether a size is nearer to a just visible one than the best; the smaller if alike."""
+        if self._same(size) and size.level > 1.0:
+            return size.x < self.best.x
+        return self.best is None or abs(size.log) < abs(self.best.log)
+
+    def _same(self, size: _Size, apart: float = 1.0) -> bool:
+        """Whether the response is that of the best size, `apart` times as large or small.
+
+        If they are far apart it has saturated, or there is none: further sizes change nothing.
+        """
+        best = self.best
+        if best is None or size.x * best.x <= 0.0:
+            return False
+        far = abs(math.log(size.x / best.x)) >= math.log(apart)
+        return far and abs(size.log - best.log) < math.log(LEVEL)
 
     def _power(self, size: _Size) -> float:
         """Exponent of the response over the size, from this and the best earlier size."""
