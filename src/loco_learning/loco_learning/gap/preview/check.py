@@ -124,11 +124,11 @@ def look(
         report(0.2 + 0.7 * share, "trying every effect")
 
     tried(0.0)
-    alone = workers < 2 or floors.compiled(case.forward)
-    with pool.start(call, (case,), 0 if alone else workers) as tasks:
+    count = 0 if workers < 2 or floors.compiled(case.forward) else workers
+    with pool.start(call, (case,), count) as tasks:
         results = visible.look(case, groups, math.sqrt(LIMITS.explained**2 - 1.0), tasks, tried)
     report(0.9, "timing the search")
-    part = Forward(model, parts, how)
+    forward = Forward(model, parts, how)
     return _contents(
         model, records, robots, findings,
         channels=[
@@ -138,7 +138,7 @@ def look(
         effects=[_row(one, robot) for one in results],
         not_tried=[{"effect": e, "reason": note} for e, note in untried(robot, offers) + rest],
         notes=_tried(records, parts),
-        search_seconds=_search(part, records, len(groups), params, max(1, workers)),
+        search_seconds=_search(forward, records, len(groups), params, max(1, workers)),
     )  # fmt: skip
 
 

@@ -116,8 +116,8 @@ class _Trial:
         channel = int(np.argmax(rms))
         level = float(rms[channel]) / shows
         size = _Size(self.x, level, channel, response.astype(np.float32))
-        power, flat = self._power(size), self._same(size, FAR)
-        if self._nearer(size):
+        power, constant = self._power(size), self._same(size, FAR)
+        if self._is_closer(size):
             self.best = size
         if level < DEAD:
             self.dead = max(self.dead, self.x)
@@ -129,24 +129,24 @@ class _Trial:
             x = math.sqrt(self.dead * self.loud)
         self.x = self.hypothesis.coordinates[self.strength].clipped(x)
         visible = 1.0 / NEAR <= level <= NEAR or (jump and self.loud <= NEAR**2 * self.dead)
-        self.done = visible or flat or self.x == size.x
+        self.done = visible or constant or self.x == size.x
 
-    def _nearer(self, size: _Size) -> bool:
+    def _is_closer(self, size: _Size) -> bool:
         """Whether a size is nearer to a just visible one than the best; the smaller if alike."""
         if self._same(size) and size.level > 1.0:
             return size.x < self.best.x
         return self.best is None or abs(size.log) < abs(self.best.log)
 
-    def _same(self, size: _Size, apart: float = 1.0) -> bool:
-        """Whether the response is that of the best size, `apart` times as large or small.
+    def _same(self, size: _Size, ratio: float = 1.0) -> bool:
+        """Whether the response is that of the best size, `ratio` times as large or small.
 
         If they are far apart it has saturated, or there is none: further sizes change nothing.
         """
         best = self.best
         if best is None or size.x * best.x <= 0.0:
             return False
-        far = abs(math.log(size.x / best.x)) >= math.log(apart)
-        return far and abs(size.log - best.log) < math.log(LEVEL)
+        distant = abs(math.log(size.x / best.x)) >= math.log(ratio)
+        return distant and abs(size.log - best.log) < math.log(LEVEL)
 
     def _power(self, size: _Size) -> float:
         """Exponent of the response over the size, from this and the best earlier size."""
