@@ -166,6 +166,18 @@ def test_only_the_command_of_the_newest_tick_is_stepped(bench):
     assert plant.sent == [0, 1, 2, 3]
 
 
+def test_a_command_of_another_tick_is_never_used(bench):
+    plant = Plant(bench)
+    plant.command(5)  # one of the future is no command for the tick that is due
+    plant.lost(0)
+    assert plant.damped
+    held = plant.command(1)
+    for other in (0, 9):
+        plant.command(other)
+    plant.lost(2)
+    assert plant.used[-1][0] is held
+
+
 def test_a_command_is_held_until_it_is_too_old_and_counts_again_when_a_new_one_comes(bench):
     plant = Plant(bench, **{"fallback.hold": 0.02})
     held = plant.command(0)

@@ -3,6 +3,8 @@
 
 import random
 import signal
+import subprocess
+import sys
 
 import pytest
 
@@ -15,9 +17,11 @@ def test_a_search_for_a_gap_that_is_killed_comes_to_the_same_bytes(tmp_path, mon
     """The whole harness, on the command that was the last to learn it."""
     monkeypatch.delenv("COVERAGE_PROCESS_CONFIG", raising=False)  # others reach what it runs
     told = []
-    row = crash.run("gap", 1, 1, 3, tmp_path, lambda row: told.append(row.kills + row.full))
+    row = crash.run(
+        "gap", 1, 1, 3, tmp_path, lambda row: told.append(sum(row.hits.values()) + row.full)
+    )
     assert row.ok, row.notes
-    assert (row.kills, row.full, told) == (1, 1, [1, 2])
+    assert (row.hits["SIGKILL"], row.full, told) == (1, 1, [1, 2])
     assert row.ends >= 2  # more when a run ends before it is killed
     assert not list(tmp_path.iterdir())
 
@@ -56,7 +60,81 @@ def test_the_same_files_are_the_same(trial):
     trial.compare()
     assert trial.row.ok
     assert trial.out.name == "run_1"
-    assert "| `study` | 0 | 0 | 1 of 1 | 0 | 0 |" in crash_terminal.table([trial.row])
+    assert "| `study` | 0 | 0 | 0 | 0 | 0 | 1 of 1 | 0 | 0 |" in crash_terminal.table([trial.row])
+
+
+WORKER = """
+import fcntl, signal, sys, time
+from pathlib import Path
+out = Path(sys.argv[sys.argv.index("--out") + 1])
+out.mkdir(exist_ok=True)
+journal = open(out / "log.jsonl", "a+")
+try:
+    fcntl.flock(journal, fcntl.LOCK_EX | fcntl.LOCK_NB)
+except OSError:
+    sys.exit({second})
+try:
+    journal.seek(0)
+    for line in range(len(journal.readlines()), 30):
+        time.sleep(0.1)
+        journal.write(f"{{line}}\\n")
+        journal.flush()
+    (out / "table.md").write_text("whole")
+except KeyboardInterrupt:
+    sys.exit({interrupted})
+"""  # a long command; what it answers beside another and to Ctrl-C is filled in
+
+
+@pytest.fixture
+def toy(tmp_path, monkeypatch):
+    """Function that makes a trial of a long command, which has run undisturbed."""
+
+    def make(second='print("loco: another process is writing") or 2', interrupted="130"):
+        text = WORKER.format(second=second, interrupted=interrupted)
+
+        def start(words, limit=0):
+            return subprocess.Popen(
+                [sys.executable, "-c", text, *words], stdout=subprocess.PIPE,
+                stderr=subprocess.STDOUT, text=True, start_new_session=True,
+            )  # fmt: skip
+
+        monkeypatch.setattr(crash, "start", start)
+        made = crash._Trial("study", tmp_path, random.Random(0))
+        made.undisturbed()
+        made._work = 0.0  # the moment is that of the first result
+        return made
+
+    return make
+
+
+@pytest.mark.parametrize("way", crash.WAYS)
+def test_it_is_disturbed_in_its_work_and_comes_to_its_end(toy, way):
+    trial = toy()
+    assert trial.disturb(way)
+    if trial.out.exists():
+        assert (trial.out / "log.jsonl").read_text()  # it had begun
+        trial.end()
+    assert trial.row.ok, trial.row.notes
+    assert trial.row.hits == {**dict.fromkeys(crash.WAYS, 0), way: 1}
+
+
+@pytest.mark.parametrize(
+    ("way", "answers", "note"),
+    [
+        ("SIGINT", {"interrupted": "1"}, "interrupted it ended with 1"),
+        ("SIGINT", {"interrupted": "print('Traceback') or 130"}, "interrupted it ended with 130"),
+        (crash.TWICE, {"second": "1"}, "two at once: one ended with 1"),
+        (
+            crash.TWICE,
+            {"second": "print('a', 'b', sep=chr(10)) or 2"},
+            "two at once: one ended with 2: a",
+        ),
+    ],
+)
+def test_an_answer_that_is_not_one_line_is_told(toy, way, answers, note):
+    trial = toy(**answers)
+    assert trial.disturb(way)
+    assert note in " ".join(trial.row.notes)
 
 
 @pytest.mark.parametrize(

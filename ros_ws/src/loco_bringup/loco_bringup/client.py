@@ -3,11 +3,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import signal
+import time
+from collections.abc import Callable, Sequence
+from threading import current_thread, main_thread
 from typing import Any
 
 import rclpy
-import rclpy.task
 from rclpy.experimental import EventsExecutor
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.signals import SignalHandlerOptions
@@ -15,11 +17,14 @@ from rclpy.signals import SignalHandlerOptions
 from loco_control.ros.messages.installed import profile
 from loco_control.ros.parameters import sealed_node
 
+_WAIT = 0.02  # longest wait for a message, which neither a signal nor a condition ends [s]
+
 
 class GraphClient:
     """Node with a context and an executor of its own; use it as a context manager.
 
-    No signal handler is installed: Ctrl-C raises KeyboardInterrupt, and the context stays valid.
+    Ctrl-C raises KeyboardInterrupt, between two messages while it spins: within a message, the
+    executor's C++ would log an error, or make a RuntimeError of it. The context stays valid.
 
     Args:
         name: Name of the node.
@@ -32,7 +37,6 @@ class GraphClient:
         self.node = sealed_node(name, context=self.context, namespace=namespace)
         self.executor = EventsExecutor(context=self.context)
         self.executor.add_node(self.node)
-        self._never = rclpy.task.Future()
 
     def __enter__(self) -> Any:
         return self
@@ -47,8 +51,29 @@ class GraphClient:
         self.context.try_shutdown()
 
     def spin(self, seconds: float) -> None:
-        """Handle messages for a wall time [s]."""
-        self.executor.spin_until_future_complete(self._never, timeout_sec=seconds)
+        """Handle messages for a wall time [s]; Ctrl-C ends it."""
+        self.wait(lambda: False, seconds)
+
+    def wait(self, condition: Callable[[], Any], seconds: float = float("inf")) -> bool:
+        """Handle messages until a condition holds; returns False after the time-out [s].
+
+        Raises:
+            KeyboardInterrupt: Ctrl-C was pressed, or the signal SIGINT came.
+        """
+        end, interrupts = time.monotonic() + seconds, list[int]()
+        handler = signal.getsignal(signal.SIGINT)
+        notes = handler is signal.default_int_handler and current_thread() is main_thread()
+        if notes:
+            signal.signal(signal.SIGINT, lambda number, _: interrupts.append(number))
+        try:
+            while not (holds := bool(condition())) and not interrupts and time.monotonic() < end:
+                self.executor.spin_once(timeout_sec=min(_WAIT, max(0.0, end - time.monotonic())))
+        finally:
+            if notes:
+                signal.signal(signal.SIGINT, handler)
+        if interrupts:
+            raise KeyboardInterrupt
+        return holds
 
 
 def kind_of(qos: QoSProfile) -> tuple[bool, bool]:

@@ -1,10 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Test that long commands resume after being killed at random times or after a full disk.
+"""Test that long commands reach the same end, however they are disturbed in their work.
 
-Each command runs once undisturbed. Then it is killed with all its processes (SIGKILL) and
-restarted in the same folder, with one or two workers, until it completes; or its disk has space
-for only a part of the results. After each completion every file is compared byte by byte with
-that of the undisturbed run.
+Each command runs once undisturbed. Then it is disturbed at random times after its first result:
+killed or interrupted with all its processes and restarted in the same folder, with one or two
+workers, until it completes; stopped for a while; or started once more in the same folder. Or its
+disk has space for only a part of the results. After each completion every file is compared byte
+by byte with that of the undisturbed run.
 """
 
 from __future__ import annotations
@@ -47,7 +48,7 @@ _PLAN = {
 _FRICTION = ("coulomb_friction", "viscous_friction")
 _CASE = f"bags/{BAGS}/case_0000"
 COMMANDS = {  # {} is the folder of the inputs
-    "optimise": "optimise tigrillo_bound --seeds 2 --evaluations 30 --duration 2",
+    "optimise": "optimise tigrillo_bound --seeds 2 --evaluations 16 --duration 1",
     "study": "study {}/study.yaml",
     "gap": f"gap {{}}/{_CASE}/fit_chirp {{}}/{_CASE}/fit_steps --hold-out {{}}/{_CASE}/hold_out "
     f"--robot linear_axis --effects {' '.join(_FRICTION)}",
@@ -61,8 +62,12 @@ MAKES = {  # commands that create the inputs
     "calibrate": "run tigrillo_sine --layout rollout --set duration=21.0 --out {}/bags/sine",
 }
 JOURNALS = (".jsonl", TIMES)  # files written line by line, whose last line may be incomplete
-GOOD, REFUSED = (0, 3), 2  # exit codes; 3: the best gait falls
+TWICE = "two at once"
+WAYS = ("SIGKILL", "SIGINT", "SIGSTOP", TWICE)  # used in turn
+GOOD, REFUSED, INTERRUPTED = (0, 3), 2, 130  # exit codes; 3: the best gait falls
 PATIENCE = 600.0  # longest run of a command [s]
+_STOPPED = (0.5, 2.0)  # wall time for which a command is stopped [s]
+_LOOK = 0.02  # wall time between two looks at the results [s]
 
 
 @dataclass
@@ -71,7 +76,7 @@ class Row:
 
     Attributes:
         command: Name of the command.
-        kills: Number of runs that were killed.
+        hits: Number of disturbances in the work, by `WAYS`.
         full: Number of runs with a full disk.
         ends: Number of completions after a disturbance.
         same: Number of completions with the same files as the undisturbed run.
@@ -81,7 +86,7 @@ class Row:
     """
 
     command: str
-    kills: int = 0
+    hits: dict[str, int] = field(default_factory=lambda: dict.fromkeys(WAYS, 0))
     full: int = 0
     ends: int = 0
     same: int = 0
@@ -102,11 +107,11 @@ def run(
 
     Args:
         name: One of `COMMANDS`.
-        kills: Number of runs to kill.
+        kills: Number of disturbances in the work, by `WAYS` in turn.
         disks: Number of runs on a disk that becomes full.
         seed: Seed of times, sizes and numbers of workers.
         folder: Folder of inputs and results; the command's files are removed on success.
-        tell: Called with the current row after each kill and each full disk.
+        tell: Called with the current row after each disturbance and each full disk.
 
     Raises:
         GraphError: The undisturbed run failed.
@@ -116,14 +121,11 @@ def run(
     prepare(place / "inputs", name)
     trial = _Trial(name, place, random.Random(f"{seed} {name}"))
     trial.undisturbed()
-    started = False
-    while trial.row.kills < kills:
-        started = trial.killed()
-        if started:
-            tell(trial.row)
-        else:
-            trial.compare()
-    if started:
+    for index in range(kills):
+        while not trial.disturb(WAYS[index % len(WAYS)]):
+            pass  # it completed before, and was compared
+        tell(trial.row)
+    if trial.out.exists():
         trial.end()
     for _ in range(disks):
         trial.fill()
@@ -163,7 +165,7 @@ class _Trial:
 
     def __init__(self, name: str, place: Path, draw: random.Random):
         self.row, self._draw, self._place = Row(name), draw, place
-        self._length = 0.0
+        self._work = 0.0  # wall time from the first result to the end [s]
         self._whole: dict[str, bytes] = {}
 
     @property
@@ -172,28 +174,73 @@ class _Trial:
         return self._place / f"run_{self.row.ends}"
 
     def undisturbed(self) -> None:
-        """Run once undisturbed, to get its files and duration.
+        """Run once undisturbed, to get its files and the duration of its work.
 
         Raises:
             GraphError: The run failed.
         """
-        began, out = time.monotonic(), self._place / "whole"
-        code, output = finish(self._start(out))
+        out = self._place / "whole"
+        process = self._start(out)
+        _wait_for_work(process, out)
+        began = time.monotonic()
+        code, output = finish(process)
         if code not in GOOD:
             raise GraphError(f"`loco {self.row.command}` alone ended with {code}: {output[-300:]}")
-        self._length, self._whole = time.monotonic() - began, contents(out)
+        self._work, self._whole = time.monotonic() - began, contents(out)
 
-    def killed(self) -> bool:
-        """Start the command and kill it at a random time; False if it completed before."""
+    def disturb(self, way: str) -> bool:
+        """Start the command and disturb it at a random time after its first result.
+
+        Returns:
+            False if it completed before; its files are then compared.
+        """
         process = self._start(self.out)
-        if finish(process, self._length * self._draw.random())[0] != -signal.SIGKILL:
+        _wait_for_work(process, self.out)
+        if not _runs(process, self._work * self._draw.random()):
+            self._complete(process)
             return False
-        self.row.kills += 1
+        if way == TWICE:
+            self._start_second(process)
+        elif way == "SIGSTOP":
+            os.killpg(process.pid, signal.SIGSTOP)
+            time.sleep(self._draw.uniform(*_STOPPED))
+            os.killpg(process.pid, signal.SIGCONT)
+            self._complete(process)
+        elif not self._cut_off(process, getattr(signal, way)):
+            return False
+        self.row.hits[way] += 1
+        return True
+
+    def _cut_off(self, process: subprocess.Popen, number: signal.Signals) -> bool:
+        """Kill or interrupt a run; False if it completed before."""
+        os.killpg(process.pid, number)
+        code, output = finish(process)
+        if code in GOOD:
+            self.compare()
+            return False
+        if number == signal.SIGINT and (code != INTERRUPTED or "Traceback" in output):
+            self._note(f"interrupted it ended with {code}: {output[-200:]}")
         if _survivors(process.pid):
             self.row.left += 1
             self._note("processes are left")
         self._look_for_torn()
         return True
+
+    def _start_second(self, process: subprocess.Popen) -> None:
+        """Start the command once more beside a run of the same folder, which then completes.
+
+        The second is refused in one line, or works beside the first, or is what goes on where the
+        first is refused, as it has lost its folder.
+        """
+        ends = [finish(self._start(self.out)), finish(process)]
+        for code, output in ends:
+            if code not in (*GOOD, REFUSED) or (
+                code == REFUSED and len(output.strip().splitlines()) != 1
+            ):
+                self._note(f"two at once: one ended with {code}: {output[-200:]}")
+        if not any(code in GOOD for code, _ in ends):
+            self._note(f"two at once: none came to its end: {ends[1][1][-200:]}")
+        self.compare()
 
     def fill(self) -> None:
         """Run with disk space for a part of the results, then with enough space.
@@ -221,9 +268,12 @@ class _Trial:
 
     def end(self) -> None:
         """Start the command once more, let it complete, and compare."""
-        code, output = finish(self._start(self.out))
+        self._complete(self._start(self.out))
+
+    def _complete(self, process: subprocess.Popen) -> None:
+        code, output = finish(process)
         if code not in GOOD:
-            self._note(f"started again it ended with {code}: {output[-200:]}")
+            self._note(f"it ended with {code}: {output[-200:]}")
         self.compare()
 
     def compare(self) -> None:
@@ -282,6 +332,30 @@ def finish(process: subprocess.Popen, patience: float = PATIENCE) -> tuple[int, 
             raise
         return -signal.SIGKILL, f"no end within {patience:g} s"
     return process.returncode, output
+
+
+def _runs(process: subprocess.Popen, seconds: float) -> bool:
+    """Whether a run still exists after a wall time [s]."""
+    with suppress(subprocess.TimeoutExpired):
+        process.communicate(timeout=seconds)
+    return process.returncode is None
+
+
+def _wait_for_work(process: subprocess.Popen, out: Path) -> None:
+    """Wait until a run has changed the files of its results, or ended."""
+    before, end = _sizes(out), time.monotonic() + PATIENCE
+    while time.monotonic() < end and _runs(process, _LOOK) and _sizes(out) == before:
+        pass
+
+
+def _sizes(folder: Path) -> dict[str, int]:
+    """Sizes of the files that are not empty [bytes], by path."""
+    sizes = {}
+    for path in folder.rglob("*"):
+        with suppress(FileNotFoundError):  # a temporary file that was just renamed
+            if path.is_file() and (size := path.stat().st_size):
+                sizes[str(path)] = size
+    return sizes
 
 
 def _survivors(group: int, patience: float = 5.0) -> bool:

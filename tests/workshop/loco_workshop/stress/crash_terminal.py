@@ -12,7 +12,8 @@ from loco_control.files import check_writable, write_whole
 
 from . import crash
 
-HEAD = ("command", "kills", "full disks", "ends with the same bytes", "torn files", "left over")
+HEAD = ("command", *crash.WAYS, "full disks", "ends with the same bytes", "torn files",
+        "left over")  # fmt: skip
 
 
 def show_crash(a: argparse.Namespace) -> int:
@@ -51,7 +52,7 @@ def table(rows: Sequence[crash.Row]) -> str:
     """Markdown table of the rows."""
     lines = [HEAD, ("---",) * len(HEAD)]
     lines += [
-        (f"`{r.command}`", *map(str, (r.kills, r.full)), f"{r.same} of {r.ends}",
+        (f"`{r.command}`", *map(str, (*r.hits.values(), r.full)), f"{r.same} of {r.ends}",
          *map(str, (r.torn, r.left)))
         for r in rows
     ]  # fmt: skip

@@ -62,7 +62,7 @@ def _beat(namespace: str, rate: float) -> int:
         with contextlib.suppress(KeyboardInterrupt):
             while True:
                 publisher.publish(row.type())
-                time.sleep(1.0 / rate)
+                client.spin(1.0 / rate)
     return 0
 
 
@@ -86,7 +86,7 @@ class _Stopper(GraphClient):
             services = [n for n in services if n.rpartition("/")[2] == _SERVICE]
             if services:
                 return sorted(services)
-            self.executor.spin_once(timeout_sec=0.05)
+            self.spin(0.05)
         where = "" if self._wanted is None else f" {self._wanted}"
         domain = os.environ.get("ROS_DOMAIN_ID", "0")
         raise GraphError(f"no robot offers the service{where or ' ' + _SERVICE} on domain {domain}")
@@ -97,8 +97,7 @@ class _Stopper(GraphClient):
         for name, client in self._clients.items():
             client.wait_for_service(timeout_sec=_PATIENCE)
             future: Any = client.call_async(SetBool.Request(data=stop))
-            self.executor.spin_until_future_complete(future, timeout_sec=_PATIENCE)
-            answer = future.result() if future.done() else None
+            answer = future.result() if self.wait(future.done, _PATIENCE) else None
             text = answer.message if answer else f"no answer within {_PATIENCE:g} s"
             sys.stdout.write(f"{name.rpartition('/')[0] or '/'}: {text}\n")
             sys.stdout.flush()

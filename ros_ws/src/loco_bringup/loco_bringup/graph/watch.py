@@ -5,13 +5,11 @@ from __future__ import annotations
 
 import contextlib
 import math
-import signal
 import time
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from threading import current_thread, main_thread
 from typing import Any
 
 from loco_control.exceptions import GraphError
@@ -242,11 +240,6 @@ class _Listener(GraphClient):
     """Node of the supervisor, which subscribes to events, diagnostics and recorder status."""
 
     def __init__(self, watch: Watch, namespaces: list[str]):
-        # Ctrl-C becomes a KeyboardInterrupt between messages, while the context is valid: within a
-        # message, the executor's C++ would make a RuntimeError of it.
-        self._interrupted, self._handler = False, signal.getsignal(signal.SIGINT)
-        if self._handler is signal.default_int_handler and current_thread() is main_thread():
-            signal.signal(signal.SIGINT, self._interrupt)
         super().__init__("supervisor")
         self._subscribe("/diagnostics", "", watch.on_diagnostics)
         for namespace in namespaces:
@@ -264,20 +257,3 @@ class _Listener(GraphClient):
         host = own_host(self.node.get_publishers_info_by_topic("rosout"))
         results = (strangers(self.node, topic, host) for topic in topics)
         return next(filter(None, results), "")
-
-    def spin(self, seconds: float) -> None:
-        """Handle messages for a wall time [s]."""
-        end = time.monotonic() + seconds
-        while (remaining := end - time.monotonic()) > 0.0:
-            self.executor.spin_once(timeout_sec=remaining)  # leaves no pending tasks
-            if self._interrupted:
-                raise KeyboardInterrupt
-
-    def _interrupt(self, *_: object) -> None:
-        self._interrupted = True
-
-    def close(self) -> None:
-        """Leave the graph, and give Ctrl-C back to its former handler."""
-        if signal.getsignal(signal.SIGINT) == self._interrupt:
-            signal.signal(signal.SIGINT, self._handler)
-        super().close()

@@ -5,7 +5,6 @@ from __future__ import annotations
 
 import os
 import time
-from collections.abc import Callable
 from typing import Any
 
 from loco_control.exceptions import GraphError, NameUnknownError
@@ -22,19 +21,6 @@ class Client(GraphClient):
 
     def __init__(self) -> None:
         super().__init__(f"_ros2cli_{os.getpid()}")
-
-    def spin(self, seconds: float) -> None:
-        """Process callbacks for a time [s]."""
-        self.wait(lambda: False, seconds)
-
-    def wait(self, condition: Callable[[], Any], seconds: float = float("inf")) -> bool:
-        """Process callbacks until a condition holds; returns False after the time-out [s]."""
-        end = time.monotonic() + seconds
-        while not condition():
-            if time.monotonic() > end:
-                return False
-            self.executor.spin_once(timeout_sec=0.02)
-        return True
 
     def result(self, future: Any, what: str) -> Any:
         """Answer of a call.

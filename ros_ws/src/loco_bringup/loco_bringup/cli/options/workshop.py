@@ -103,12 +103,13 @@ def chaos(p: ArgumentParser) -> None:
 def crash(p: ArgumentParser) -> None:
     """Options of `loco crash`.
 
-    optimise, study, gap, gap battery, reproduce and calibrate, small: each is killed with all its
-    processes, or its disk gets full; it is started again, and all files are compared byte by byte
-    with those of a run that was left alone. Exit code 1: something differs, is torn or left over.
+    optimise, study, gap, gap battery, reproduce and calibrate, small: each is disturbed in its
+    work, in turn by SIGKILL, SIGINT, SIGSTOP and a second one in the same folder, or its disk gets
+    full; it goes on, and all files are compared byte by byte with those of a run that was left
+    alone. Exit code 1: something differs, is torn or left over.
       loco crash --kills 2 --disks 1 --only study
     """
-    option(p, "--kills", 20, "kills of each command (default 20)")
+    option(p, "--kills", 20, "disturbances of each command (default 20)")
     option(p, "--disks", 5, "full disks of each (default 5)")
     option(p, "--seed", 0, "seed of moments and sizes")
     p.add_argument("--only", nargs="+", metavar="NAME", help="these commands only")
