@@ -2,11 +2,13 @@
 """A log that keeps one in a few of the commands that a drive got."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from loco_learning.gap.recordings import align
+from loco_learning.gap.recordings.clocks import slow
 from loco_learning.gap.recordings.record import Doubt
 
 WORDS = "logged at"
@@ -38,6 +40,32 @@ def test_a_command_between_the_rows_of_a_log_is_drawn_as_a_curve(signals, comman
     known = np.isfinite(made.signals["q"][:, 0])
     assert np.mean(known) == pytest.approx(1.0 / every, abs=0.01)  # nothing was read between rows
     assert any(WORDS in note and isinstance(note, Doubt) for note in made.notes)
+
+
+CURVES = {
+    "smooth": lambda t: 0.9 * np.sin(4.0 * t) + 0.4 * np.sin(11.0 * t),
+    "corners": lambda t: np.abs((1.3 * t) % 2.0 - 1.0),
+    "steps": lambda t: np.sign(np.sin(3.0 * t)),
+}
+
+
+@pytest.mark.parametrize(("shape", "degree"), [("smooth", 5), ("corners", 3), ("steps", 3)])
+def test_the_curve_between_samples_is_the_one_that_errs_least(monkeypatch, shape, degree):
+    axis, robot = np.arange(0.0, 9.9, 0.005), SimpleNamespace(control_rate=200.0)
+    times = np.arange(0.0, 10.0, 0.02)
+    track = SimpleNamespace(t=times, x=CURVES[shape](times))
+    made, told = slow.interpolated(track, axis, robot)
+
+    def rms(values):
+        return np.sqrt(np.mean(np.square(values[100:-100])))
+
+    error = rms(made - CURVES[shape](axis))
+    assert 0.5 * error < rms(told) < 3.0 * error
+    for tried in (3, 5):
+        monkeypatch.setattr(slow, "SLOW", replace(slow.SLOW, degrees=(tried,)))
+        alone, _ = slow.interpolated(track, axis, robot)
+        assert np.array_equal(alone, made) is (tried == degree)
+        assert error <= rms(alone - CURVES[shape](axis))
 
 
 @pytest.mark.parametrize("rate", [30.0, 40.0])

@@ -93,15 +93,15 @@ class SlowParams:
     Attributes:
         ratio: Rate of commands over that of the log, from which on some are missing. Theory: 2
             where every second is; less than halfway to it is a clock that is a little off.
-        samples: Values of a command of which one in four still makes a curve [values]. Theory: five
-            for a local cubic.
-        order: Highest order with which errors fall with the distance of values. Theory: 4 of a
-            cubic through something smooth.
+        samples: Values of a command of which one in four still makes a curve [values]. Theory: six
+            for a spline of degree 5.
+        degrees: Of the curves that are tried between values: 3 is a local cubic, 5 a spline. Errors
+            fall with the distance of values to the power of degree + 1. Theory: splines.
     """
 
     ratio: float = 1.5
-    samples: int = 20
-    order: float = 4.0
+    samples: int = 24
+    degrees: tuple[int, ...] = (3, 5)
 
 
 CUTS, LINES, SERIES, SLOW = CutParams(), LineParams(), SeriesParams(), SlowParams()

@@ -8,7 +8,7 @@ from row to row they would be late by half a period of the log, which looks like
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -65,24 +65,36 @@ def commands(
 def interpolated(track: Track, axis: np.ndarray, robot: Robot) -> tuple[np.ndarray, np.ndarray]:
     """A command on an axis, and its estimated error there, (T,) each.
 
-    Values follow a local cubic (Akima 1970), which does not overshoot at steps. Its error is
-    estimated from the cubic through every second sample, and the order of convergence from those
-    through every fourth and every second: it is half of each step, and small for smooth commands.
+    Of several curves the one is used that predicts every second sample best from the others: a
+    local cubic (Akima 1970), which does not overshoot at steps, or a spline, which is exacter where
+    a command is smooth. Its error is estimated from the curve through every second sample, and
+    the order of convergence from those through every fourth and every second: it is half of each
+    step, and small for smooth commands.
     """
     delay = 0.5 / robot.control_rate - 0.5 * float(axis[1] - axis[0])  # mean of a held command
     t = np.clip(axis - delay, track.t[0], track.t[-1])
-    fine, coarse = (interpolate.Akima1DInterpolator(track.t[::n], track.x[::n]) for n in (1, 2))
-    inside = np.minimum(t, coarse.x[-1])
-    ratio = max(_error(track, 4), 1e-300) / max(_error(track, 2), 1e-300)
-    order = float(np.clip(math.log2(ratio), 1.0, SLOW.order))
+    degree = min(SLOW.degrees, key=lambda degree: _error(track, degree, 2))
+    fine, coarse = (_curve(track, degree, n) for n in (1, 2))
+    inside = np.minimum(t, track.t[::2][-1])
+    ratio = max(_error(track, degree, 4), 1e-300) / max(_error(track, degree, 2), 1e-300)
+    order = float(np.clip(math.log2(ratio), 1.0, degree + 1.0))
     return fine(t), (coarse(inside) - fine(inside)) / (2.0**order - 1.0)
 
 
-def _error(track: Track, n: int) -> float:
-    """Rms error of the cubic through every n-th sample, at the samples halfway between them."""
-    cubic = interpolate.Akima1DInterpolator(track.t[::n], track.x[::n])
+def _curve(track: Track, degree: int, n: int) -> Callable[[np.ndarray], np.ndarray]:
+    """The curve through every n-th sample; a degree of 3 is the local cubic."""
+    t, x = track.t[::n], track.x[::n]
+    if degree == 3:
+        return interpolate.Akima1DInterpolator(t, x)
+    return interpolate.make_interp_spline(t, x, degree)
+
+
+def _error(track: Track, degree: int, n: int) -> float:
+    """Rms error of the curve through every n-th sample, at the samples halfway between them."""
     middle = slice(n // 2, None, n)
-    return float(np.sqrt(np.nanmean(np.square(cubic(track.t[middle]) - track.x[middle]))))
+    inside = track.t[middle] <= track.t[::n][-1]
+    errors = _curve(track, degree, n)(track.t[middle]) - track.x[middle]
+    return float(np.sqrt(np.mean(np.square(errors[inside]))))
 
 
 def note(tracks: Sequence[Track], rate: float, robot: Robot) -> Doubt:
