@@ -95,8 +95,8 @@ class SlowParams:
             where every second is; less than halfway to it is a clock that is a little off.
         samples: Values of a command of which one in four still makes a curve [values]. Theory: six
             for a spline of degree 5.
-        degrees: Of the curves that are tried between values: 3 is a local cubic, 5 a spline. Errors
-            fall with the distance of values to the power of degree + 1. Theory: splines.
+        degrees: Degrees of the curves that are tried between values: 3 is a local cubic, 5 a
+            spline. Theory: errors fall with the distance of values to the power of degree + 1.
     """
 
     ratio: float = 1.5
