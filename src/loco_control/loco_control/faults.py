@@ -37,10 +37,10 @@ class Body(Protocol):
 class Fault(Params):
     """Base class of faults; each kind overrides `hit`."""
 
-    start: float = parameter(0.0, "when it begins, simulated time", "s", 0.0)
-    stop: float = parameter(np.inf, "when it ends, simulated time", "s", 0.0)
-    probability: float = parameter(1.0, "that a message is hit", "-", 0.0, 1.0)
-    seed: int = parameter(0, "of the draws", "-", 0)
+    start: float = parameter(0.0, "start, simulated time", "s", 0.0)
+    stop: float = parameter(np.inf, "end, simulated time", "s", 0.0)
+    probability: float = parameter(1.0, "probability that a message is damaged", "-", 0.0, 1.0)
+    seed: int = parameter(0, "seed of the random choice of messages", "-", 0)
 
     kind: ClassVar[str]
     needs: ClassVar[str] = ""  # contents that a message must have: numbers or a stamp
@@ -73,7 +73,7 @@ class Drop(Fault, kind="drop"):
 class Delay(Fault, kind="delay"):
     """Messages arrive late, in order."""
 
-    messages: int = parameter(1, "how many messages later", "messages", 1, 1000)
+    messages: int = parameter(1, "delay in messages", "messages", 1, 1000)
 
     def hit(self, data: bytes, memory: Memory) -> list[bytes]:
         """The oldest held message, once as many are held as the delay is long."""
@@ -85,7 +85,7 @@ class Delay(Fault, kind="delay"):
 class Duplicate(Fault, kind="duplicate"):
     """Messages arrive more than once."""
 
-    times: int = parameter(1, "how often again", "-", 1, 100)
+    times: int = parameter(1, "number of repetitions", "-", 1, 100)
 
     def hit(self, data: bytes, memory: Memory) -> list[bytes]:
         """Several copies of the message."""
@@ -130,7 +130,7 @@ class Freeze(Fault, kind="freeze"):
 class ClockJump(Fault, kind="clock_jump", needs="stamp"):
     """Stamp and tick are shifted in time."""
 
-    offset: float = parameter(0.2, "how far ahead; below 0: behind", "s", -1e6, 1e6)
+    offset: float = parameter(0.2, "advance of the stamps; below 0: behind", "s", -1e6, 1e6)
 
     def hit(self, data: bytes, memory: Memory) -> list[bytes]:
         """The message with shifted stamp and tick."""

@@ -25,9 +25,9 @@ class RealtimeParams(Params):
 
     fifo: int = parameter(0, "priority under SCHED_FIFO of all threads, 0 for none", "-", 0, 99)
     cpus: str = parameter("", "processors that the threads may use, such as 1 or 0,2; empty: all")
-    lock_memory: bool = parameter(False, "keep what is in memory there (mlockall)")
+    lock_memory: bool = parameter(False, "lock all memory: nothing is swapped out (mlockall)")
     timer_slack: int = parameter(
-        0, "how late the kernel may wake a sleeper, 0 for what the system has", "ns", 0, 10**9
+        0, "largest delay of waking a thread; 0: value of the system", "ns", 0, 10**9
     )
 
     def __post_init__(self) -> None:

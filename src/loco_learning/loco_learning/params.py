@@ -66,7 +66,7 @@ class LearnerParams(PhasedParams):
 
     phases_when_off: ClassVar[bool] = True
 
-    enabled: bool = parameter(True, "false: the target drives for ever (open loop)")
+    enabled: bool = parameter(True, "false: the target always drives (open loop)")
     memory: int = parameter(80, "delay-line length M", "tick", 1, 1000)
     neurons: int = parameter(80, "hidden neurons N", "-", 1, 5000)
     activation: str = parameter("tanh", "hidden activation", choices=ACTIVATIONS)
@@ -76,8 +76,8 @@ class LearnerParams(PhasedParams):
     hidden_bias: float = parameter(0.0, "hidden bias is uniform in [-b, b]", "-", 0.0, 100.0)
     bias_input: bool = parameter(True, "a constant input beside the four forces (eq. 7.2)")
     window: int = parameter(15, "moving average of the vertical forces", "tick", 1, 1000)
-    grf_scale: float = parameter(415.7, "force that reads 1: half the weight", "N", 1.0, 1e5)
-    grf_threshold: float = parameter(0.0, "averaged forces below read 0", "N", 0.0, 1e4)
+    grf_scale: float = parameter(415.7, "force that is scaled to 1: half the weight", "N", 1.0, 1e5)
+    grf_threshold: float = parameter(0.0, "smaller averaged forces count as 0", "N", 0.0, 1e4)
     stand: float = parameter(1.0, "phase: standing, delay line fills", "s", 0.0, 1e5)
     train: float = parameter(15.0, "phase: target drives, readout learns", "s", 0.0, 1e5)
     closing: float = parameter(15.0, "phase: prediction drives, learning fades", "s", 0.0, 1e5)
@@ -97,8 +97,8 @@ class JointLearnerParams(PhasedParams):
 
     phases_when_off: ClassVar[bool] = False
 
-    enabled: bool = parameter(False, "false: the target drives for ever (open loop)")
-    inputs: str = parameter("all", "which sensors are felt", choices=tuple(INPUTS))
+    enabled: bool = parameter(False, "false: the target always drives (open loop)")
+    inputs: str = parameter("all", "sensors that are inputs", choices=tuple(INPUTS))
     memory: int = parameter(50, "delay-line length M", "tick", 1, 1000)
     window: int = parameter(1, "moving average of the sensors", "tick", 1, 1000)
     neurons: int = parameter(200, "hidden neurons N", "-", 1, 5000)
@@ -106,12 +106,12 @@ class JointLearnerParams(PhasedParams):
     regularisation: float = parameter(5.0, "alpha of RLS, P starts at I/alpha", "-", 1e-12, 1e6)
     gain: float = parameter(1.0, "factor on the hidden weights", "-", 0.0, 100.0)
     hidden_bias: float = parameter(1.0, "hidden bias is uniform in [-b, b]", "-", 0.0, 100.0)
-    joint_centre: float = parameter(1.0, "passive joint angle that reads 0", "rad", -10.0, 10.0)
-    joint_scale: float = parameter(0.3, "angle from the centre that reads 1", "rad", 1e-6, 1e3)
-    gyro_scale: float = parameter(3.0, "turning rate that reads 1", "rad/s", 1e-6, 1e3)
-    tilt_scale: float = parameter(0.3, "roll or pitch that reads 1", "rad", 1e-6, 1e3)
+    joint_centre: float = parameter(1.0, "passive joint angle scaled to 0", "rad", -10.0, 10.0)
+    joint_scale: float = parameter(0.3, "angle from the centre scaled to 1", "rad", 1e-6, 1e3)
+    gyro_scale: float = parameter(3.0, "turning rate scaled to 1", "rad/s", 1e-6, 1e3)
+    tilt_scale: float = parameter(0.3, "roll or pitch scaled to 1", "rad", 1e-6, 1e3)
     limit: float = parameter(2.0, "scaled sensors are clipped to ± this", "-", 0.1, 100.0)
-    stand: float = parameter(1.0, "phase: the readout rests, delay line fills", "s", 0.0, 1e5)
+    stand: float = parameter(1.0, "phase: no learning, delay line fills", "s", 0.0, 1e5)
     train: float = parameter(20.0, "phase: target drives, readout learns", "s", 0.0, 1e5)
     closing: float = parameter(20.0, "phase: prediction drives, learning fades", "s", 0.0, 1e5)
     test: float = parameter(30.0, "phase: prediction drives, readout frozen", "s", 0.0, 1e5)
@@ -138,5 +138,5 @@ class CriterionParams(Params):
 
     fall: bool = parameter(True, "a fall in any phase is a failure")
     phase_slip: float = parameter(1.0, "largest lag behind the target", "stride", 0.0, 1e3)
-    freeze: float = parameter(0.2, "smallest stride amplitude, of the target's", "-", 0.0, 1.0)
+    freeze: float = parameter(0.2, "smallest stride amplitude over the target's", "-", 0.0, 1.0)
     nrmse: float = parameter(0.3, "largest NRMSE smoothed over one stride", "-", 0.0, 1e3)

@@ -28,16 +28,16 @@ class SimParams(Params):
     )
     damping_limit: float = parameter(
         0.5,
-        "largest kd dt / I of damping that is held over a physics step; beyond it see "
-        "implicit_damping, or physics is sub-stepped. Held damping diverges at 2 and distorts "
-        "the power of a gait by 30 % at 1.2",
+        "largest kd dt / I at which damping is held over a physics step; "
+        "above it, see implicit_damping, or the step is divided. Held "
+        "damping diverges at 2 and changes the power of a gait by 30 % at 1.2",
         low=0.01,
         high=1.9,
     )
     implicit_damping: bool = parameter(
         True,
-        "damping of impedance drives, springs and joints that would need sub-steps is solved with "
-        "the step instead, unless an effect acts on drives or joints",
+        "damping of impedance drives, springs and joints that would need "
+        "sub-steps is implicit instead, unless an effect acts on drives or joints",
     )
     max_substeps: int = parameter(
         20, "gains that need more sub-steps than this are refused", low=1, high=1000
@@ -59,7 +59,7 @@ class SimParams(Params):
         1.0, "a foot with more ground reaction force than this is in contact", "N", low=0.0
     )
     safety: bool = parameter(
-        True, "keep the last good command when one is not finite (and count it), else raise"
+        True, "if a command is not finite, hold and count the last valid one; false: raise"
     )
 
     def __post_init__(self) -> None:
@@ -77,49 +77,49 @@ class TickParams(Params):
 
     clock: str = parameter(
         "lockstep",
-        "lockstep waits for every command and for the recorder, asap for the "
-        "commands alone, realtime for the wall clock",
+        "lockstep waits for every command and for the recorder, "
+        "asap only for the commands, realtime for the wall clock",
         choices=CLOCKS,
     )
     speed: float = parameter(
-        0.0, "lockstep: at most this many times real time, 0 for no limit", "x", 0.0, 1000.0
+        0.0, "lockstep: largest speed relative to real time; 0: no limit", "x", 0.0, 1000.0
     )
-    duration: float = parameter(0.0, "stop after this simulated time, 0 for never", "s", 0.0, 1e7)
+    duration: float = parameter(0.0, "stop after this simulated time; 0: never", "s", 0.0, 1e7)
     stop_on_fall: bool = parameter(True, "end the run when the robot falls")
     leave: bool = parameter(
-        False, "the plant's process ends a second after its run, for who watches processes only"
+        False, "the plant's process ends a second after its run, to signal its end"
     )
     # Shared memory of Fast DDS has 512 messages and 512 KiB per process, and a tick of
     # all nodes in one process is 10 messages and 4.3 KiB. Robots that share a recorder share
     # its 512: `loco run` gives each a part of the window.
     flow_window: int = parameter(
-        40, "lockstep: ticks that the recorder may lag before the plant waits", "ticks", 2, 50
+        40, "lockstep: ticks that the recorder may be behind before the plant waits", "ticks", 2, 50
     )
     catch_up: int = parameter(
         25,
-        "realtime: missed ticks that are made up after a stall, at most; the others are dropped",
+        "realtime: largest number of missed ticks executed after a stall; the others are dropped",
         "ticks",
         1,
         1000,
     )
     command_timeout: float = parameter(
         0.06,
-        "a command is held until it is older than this; then `late` counts",
+        "a command is held until this age; then `late` applies",
         "s",
         0.004,
         10.0,
     )
     heartbeat: float = parameter(
         0.0,
-        "longest silence of the operator's topic `heartbeat` before the emergency stop, in wall "
-        "time; 0 wants no heartbeat",
+        "longest wall time without a message on `heartbeat` "
+        "before the emergency stop; 0: no heartbeat needed",
         "s",
         0.0,
         60.0,
     )
     late: str = parameter(
         "hold",
-        "when commands are too late: hold damps the joints until commands are back, safe-stop "
-        "until the emergency stop is reset",
+        "if commands are too late: hold damps the joints until "
+        "commands return, safe-stop until the emergency stop is reset",
         choices=("hold", "safe-stop"),
     )

@@ -46,13 +46,13 @@ class GaitParams(Params):
     origin: tuple[float, float, float] = parameter(
         (0.375, 0.28, -0.60), "foot centre: |x|, |y| and z in the base frame", "m"
     )
-    start_time: float = parameter(1.0, "the robot stands before", "s", low=0.0)
+    start_time: float = parameter(1.0, "time before which the robot stands", "s", low=0.0)
     smoothing: float = parameter(0.25, "time constant of two lags on each change", "s", low=0.0)
     coupling: float = parameter(0.5, "gain of the coupling of the legs", low=0.0, high=10.0)
-    convergence: float = parameter(40.0, "alpha, pull to the cycle", "1/s", low=1.0, high=400.0)
+    convergence: float = parameter(40.0, "alpha, convergence rate", "1/s", low=1.0, high=400.0)
     sharpness: float = parameter(50.0, "b, steepness of the swing/stance switch", low=1.0)
-    swing_skew: float = parameter(1.0, "k_vf, speed of early over late swing", low=0.6, high=10.0)
-    filter_gain: float = parameter(60.0, "k_c, pull of a swing foot to its oscillator", "1/s", 0.0)
+    swing_skew: float = parameter(1.0, "k_vf, early over late swing speed", low=0.6, high=10.0)
+    filter_gain: float = parameter(60.0, "k_c, gain of a swing foot to its oscillator", "1/s", 0.0)
     substeps: int = parameter(20, "integration steps per control period", low=1, high=1000)
     schedule: list[dict[str, float]] | None = parameter(
         None,

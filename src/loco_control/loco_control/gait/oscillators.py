@@ -63,21 +63,19 @@ class CpgParams(Params):
     duty_factor: tuple[float, ...] = _per_joint(
         0.5, "share of the period in which the joint moves backwards", "-", 0.02, 0.98
     )
-    phase: tuple[float, ...] = _per_joint(0.0, "how far the joint is ahead", "stride", -1e3, 1e3)
-    coupling: float = parameter(5.0, "c, pull of each joint to each other", "1/s", 0.0, 50.0)
-    convergence: float = parameter(50.0, "a, pull to the cycle", "1/s", 1.0, 200.0)
+    phase: tuple[float, ...] = _per_joint(0.0, "phase lead of the joint", "stride", -1e3, 1e3)
+    coupling: float = parameter(5.0, "c, coupling between joints", "1/s", 0.0, 50.0)
+    convergence: float = parameter(50.0, "a, rate of convergence to the cycle", "1/s", 1.0, 200.0)
     sharpness: float = parameter(50.0, "b, steepness of the duty switch", "-", 1.0, 500.0)
     start_time: float = parameter(0.0, "time of the first movement", "s", low=0.0)
     ramp: float = parameter(1.0, "time in which the movement grows to its full size", "s", low=0.0)
-    end_frequency: float = parameter(
-        5.0, "chirp: where the frequency sweeps to", "Hz", low=0.02, high=100.0
-    )
-    sweep: float = parameter(8.0, "chirp: time from `frequency` to there", "s", 0.1, 1e4)
+    end_frequency: float = parameter(5.0, "chirp: final frequency", "Hz", low=0.02, high=100.0)
+    sweep: float = parameter(8.0, "chirp: time from `frequency` to `end_frequency`", "s", 0.1, 1e4)
     levels: tuple[float, ...] = parameter(
-        (1.0, -1.0), "steps: levels in turn, as a share of the amplitude", "-", -1.0, 1.0,
+        (1.0, -1.0), "steps: sequence of levels, as shares of the amplitude", "-", -1.0, 1.0,
         any_length=True,
     )  # fmt: skip
-    bias: tuple[float, ...] = _per_joint(0.0, "constant part of the movement, which grows with it")
+    bias: tuple[float, ...] = _per_joint(0.0, "constant part of the movement, ramped like the rest")
     rise: float = parameter(0.2, "steps: time to reach a level; 0 jumps", "s", 0.0, 100.0)
 
 

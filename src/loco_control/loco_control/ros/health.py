@@ -29,13 +29,13 @@ class HealthParams(Params):
     )
     cpu_percent: tuple[float, ...] = _limits(0.0, 0.0, "time on the processor, of one core", "%")
     late_share: tuple[float, ...] = _limits(
-        0.05, 0.5, "realtime: share of ticks without a fresh command", high=1.0
+        0.05, 0.5, "realtime: share of ticks without a new command", high=1.0
     )
     stale: tuple[float, ...] = _limits(0.0, 0.0, "messages of old ticks since the last report")
     rejected: tuple[float, ...] = _limits(1.0, 0.0, "commands refused since the last report")
     refused: tuple[float, ...] = _limits(1.0, 0.0, "other messages refused since the last report")
     dropped: tuple[float, ...] = _limits(1.0, 0.0, "messages lost so far", high=1e9)
-    slower: tuple[float, ...] = _limits(0.0, 0.0, "real-time factor below which", high=1e3)
+    slower: tuple[float, ...] = _limits(0.0, 0.0, "smallest real-time factor", high=1e3)
 
 
 def judge(params: HealthParams, values: dict[str, Any]) -> tuple[bytes, str]:

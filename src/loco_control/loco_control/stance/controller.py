@@ -27,7 +27,7 @@ class StanceParams(Params):
     """The choice of stance estimator, its start, and the settings of RSE."""
 
     estimator: str = parameter("pse", "pse: gait clock; rse: commanded foot", choices=ESTIMATORS)
-    estimator_start: float = parameter(0.0, "before this time pse decides", "s", low=0.0)
+    estimator_start: float = parameter(0.0, "before this time pse is used", "s", low=0.0)
     height_threshold: float = parameter(0.02, "rse: a higher foot swings", "m", low=0.001, high=0.1)
     hysteresis: float = parameter(
         0.25,

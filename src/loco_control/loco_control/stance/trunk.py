@@ -30,7 +30,7 @@ class TrunkParams(Params):
     Source: gains of the author's option file (hyq_ml, hyq_sim_options.ini).
     """
 
-    enabled: bool = parameter(True, "apply any torque at all")
+    enabled: bool = parameter(True, "whether the trunk controller is on")
     roll_kp: float = parameter(1000.0, "stiffness about x", "N·m/rad", low=0.0)
     roll_kd: float = parameter(150.0, "damping about x", "N·m·s/rad", low=0.0)
     pitch_kp: float = parameter(1000.0, "stiffness about y", "N·m/rad", low=0.0)
@@ -39,11 +39,11 @@ class TrunkParams(Params):
     yaw_kd: float = parameter(100.0, "damping about z", "N·m·s/rad", low=0.0)
     height_kp: float = parameter(5000.0, "stiffness along z", "N/m", low=0.0)
     height_kd: float = parameter(800.0, "damping along z", "N·s/m", low=0.0)
-    mass: float = parameter(84.76, "body weight the legs hold (author: 75)", "kg", low=0.0)
-    gravity: float = parameter(9.81, "gravity the legs hold against", "m/s²", low=0.0)
-    mapping: str = parameter("nullspace", "how the legs share the wrench", choices=MAPPINGS)
-    heading_hold: bool = parameter(True, "keep the first heading, or that after a turn")
-    push_only: bool = parameter(True, "a foot is never asked to pull on the ground")
+    mass: float = parameter(84.76, "mass that the legs carry (author: 75)", "kg", low=0.0)
+    gravity: float = parameter(9.81, "gravity of the weight compensation", "m/s²", low=0.0)
+    mapping: str = parameter("nullspace", "distribution of the wrench to legs", choices=MAPPINGS)
+    heading_hold: bool = parameter(True, "hold the initial heading, or that after a turn")
+    push_only: bool = parameter(True, "feet never pull on the ground")
     min_stance_legs: int = parameter(2, "no torque with fewer legs in stance", low=1, high=4)
 
 

@@ -36,12 +36,12 @@ class LoopParams(Params):
     test: float = parameter(30.0, "T_test, driven by the readout alone", "s", low=0.0)
     beta: float = parameter(0.95, "share of the readout at the end of T_closing", low=0.0, high=1.0)
     regularisation: float = parameter(0.01, "alpha of FORCE", low=1e-12)
-    cutoff: float = parameter(6.0, "of the low-pass filter", "Hz", low=0.01)
-    taps: int = parameter(120, "of the filter, a window method FIR", low=1, high=10000)
+    cutoff: float = parameter(6.0, "cut-off frequency of the low-pass filter", "Hz", low=0.01)
+    taps: int = parameter(120, "taps of the filter, a FIR by the window method", low=1, high=10000)
     threshold: float = parameter(
         0.0,
-        "accelerations are clipped to this first; 0 does not clip. The thesis has such a "
-        "threshold without its value, the author's code does not call it",
+        "accelerations are clipped to this value; 0: no clipping. The thesis "
+        "has this threshold without a value, the author's code does not use it",
         "m/s²",
         low=0.0,
     )
@@ -51,14 +51,14 @@ class LoopParams(Params):
         choices=("latest", "author"),
     )
     output: str = parameter(
-        "linear", "of the readout; eq. 6.5 is linear, the author's code takes tanh",
+        "linear", "output of the readout; eq. 6.5 is linear, the author's code uses tanh",
         choices=("linear", "tanh"),
     )  # fmt: skip
     window: int = parameter(
-        0, "error is the least over so many steps around the target; 5 in the author's code", low=0
+        0, "error is the smallest over this many steps around the target; author's code: 5", low=0
     )
     noise: float = parameter(0.0, "white noise on the readout's relative lengths", low=0.0)
-    seed: int = parameter(0, "of that noise", low=0)
+    seed: int = parameter(0, "seed of the noise", low=0)
 
 
 LOOPS = {

@@ -64,17 +64,17 @@ class Experiment(Params):
     """
 
     name: str = parameter("unnamed", "name in logs and reports")
-    description: str = parameter("", "what it shows, for people")
+    description: str = parameter("", "purpose of the experiment, free text")
     robot: str = parameter("hyq", "name of a robot, or path of a robot.yaml or model.yaml")
     seed: int = parameter(0, "seed of learner and effects", "-", 0, 2**31 - 1)
-    control_rate: float = parameter(0.0, "ticks per second; 0: the robot's", "Hz", 0.0, 1e4)
+    control_rate: float = parameter(0.0, "ticks per second; 0: value of the robot", "Hz", 0.0, 1e4)
     duration: float = parameter(0.0, "simulated time; 0: all phases of the learner", "s", 0.0, 1e6)
     gait: GaitParams | None = _block("gait of a robot with legs")
     trunk: TrunkParams | None = _block("trunk controller, with a gait")
     stance: StanceParams | None = _block("stance estimator, with a gait")
     target: CpgParams | None = _block("oscillators of the driven joints, without a gait")
     learner: LearnerParams | JointLearnerParams | None = _block("reflex network")
-    sim: dict[str, Any] = _free(dict, "parameters of the plant that differ from the robot's")
+    sim: dict[str, Any] = _free(dict, "parameters of the plant that replace those of the robot")
     effects: tuple[dict[str, Any], ...] = _free(
         tuple, "effects of the plant, in order: a list of {name, parameters...}"
     )

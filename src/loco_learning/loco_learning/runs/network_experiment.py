@@ -22,10 +22,10 @@ from ..networks.reservoir import LoopParams
 class MsdGaitParams(Params):
     """A gait, one value per link in the order of the network; none: 0, the network's stiffness."""
 
-    amplitude: tuple[float, ...] = parameter((), "relative to the rest lengths", "-", 0.0, 1.0)
+    amplitude: tuple[float, ...] = parameter((), "relative to rest lengths", "-", 0.0, 1.0)
     phase: tuple[float, ...] = parameter((), "phases", "rad")
     stiffness: tuple[float, ...] = parameter((), "of the springs", "N/m", 0.0)
-    frequency: float = parameter(1.0, "of all links", "Hz", 0.0, 100.0)
+    frequency: float = parameter(1.0, "frequency of all links", "Hz", 0.0, 100.0)
 
 
 @dataclass(frozen=True)
@@ -35,9 +35,9 @@ class NetworkExperiment(Params):
     node_set: ClassVar[str] = "msd"
 
     name: str = parameter("unnamed", "name in logs and reports")
-    description: str = parameter("", "what it shows, for people")
-    robot: str = parameter("msd", "what runs", choices=("msd",))
-    seed: int = parameter(0, "unused: nothing is drawn", "-", 0, 2**31 - 1)
+    description: str = parameter("", "purpose of the experiment, free text")
+    robot: str = parameter("msd", "kind of robot", choices=("msd",))
+    seed: int = parameter(0, "unused: there are no random values", "-", 0, 2**31 - 1)
     control_rate: float = parameter(200.0, "ticks per second, one per step", "Hz", 1.0, 1e6)
     duration: float = parameter(0.0, "simulated time; 0: all phases of the loop", "s", 0.0, 1e6)
     network: MsdParams = parameter(MsdParams(), "the body")

@@ -16,7 +16,7 @@ class MsdParams(Params):
     nodes: int = parameter(20, "nodes, I", low=2, high=10000)
     connections: int = parameter(
         6,
-        "links of an inner node, C: to its C / 2 nearest neighbours on each side",
+        "links of an inner node, C, to its C / 2 nearest neighbours on each side",
         low=2,
         high=100,
     )
@@ -25,7 +25,7 @@ class MsdParams(Params):
     height: float = parameter(4.0, "height of the arch of the even nodes", "m", low=0.0)
     width: float = parameter(0.5, "sideways distance of nodes, in three dimensions", "m", low=0.0)
     mass: float = parameter(1.0, "mass of a node when total_mass is 0", "kg", low=1e-9)
-    total_mass: float = parameter(0.0, "mass of all nodes together; 0 leaves `mass`", "kg", low=0.0)
+    total_mass: float = parameter(0.0, "mass of all nodes together; 0: use `mass`", "kg", low=0.0)
     stiffness: float = parameter(100.0, "k of all springs", "N/m", low=0.0)
     damping: float = parameter(10.0, "d of all dampers", "N·s/m", low=0.0)
     nonlinearity: float = parameter(
@@ -35,22 +35,22 @@ class MsdParams(Params):
     )
     damper: str = parameter(
         "along_link",
-        "what a damper brakes: the change of its length, or the whole relative velocity",
+        "a damper acts against the change of its length, or the whole relative velocity",
         choices=("along_link", "full_vector"),
     )
     gravity: float = parameter(9.81, "acceleration of gravity", "m/s²", low=0.0)
     drag: float = parameter(0.1, "air friction of a node", "N·s/m", low=0.0)
     ground: str = parameter(
         "stick",
-        "stick: a node in the ground stays where it is until the forces lift it; author: only "
-        "its height and velocity are reset, so that it creeps; none: no ground",
+        "stick: a node on the ground does not move until the forces lift it; author: "
+        "only its height and velocity are reset, so that it creeps; none: no ground",
         choices=("stick", "author", "none"),
     )
     step: float = parameter(0.005, "integration step", "s", low=1e-7, high=1.0)
     integrator: str = parameter(
         "verlet",
-        "verlet: velocity-dependent forces see the velocity at the end of the step; author: "
-        "that at its start, and no acceleration in the first instant",
+        "verlet: forces that depend on velocity use that at the end of the "
+        "step; author: that at its start, and no acceleration at the first step",
         choices=("verlet", "author"),
     )
 

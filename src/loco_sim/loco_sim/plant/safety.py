@@ -28,9 +28,9 @@ KINDS = ("position", "velocity", "rate", "acceleration", "jerk", "torque")
 class SafetyParams(Params):
     """Margins by which a run may exceed the limits of the URDF."""
 
-    enabled: bool = parameter(True, "keep the limits")
+    enabled: bool = parameter(True, "whether limits are applied")
     position: float = parameter(
-        0.0, "position references may leave the joint's range by this much", "rad", 0.0, 10.0
+        0.0, "distance by which references may exceed the joint's range", "rad", 0.0, 10.0
     )
     velocity: float = parameter(
         4.0, "largest velocity reference, over the joint's velocity limit", "-", 0.1, 1e6
@@ -39,10 +39,10 @@ class SafetyParams(Params):
         20.0, "fastest change of a position reference, over the velocity limit", "-", 0.1, 1e6
     )
     acceleration: float = parameter(
-        0.0, "largest second difference of a position reference, 0 for any", "rad/s²", 0.0, 1e9
+        0.0, "largest acceleration of a position reference; 0: no limit", "rad/s²", 0.0, 1e9
     )
     jerk: float = parameter(
-        0.0, "largest third difference of a position reference, 0 for any", "rad/s³", 0.0, 1e12
+        0.0, "largest jerk of a position reference; 0: no limit", "rad/s³", 0.0, 1e12
     )
     torque: float = parameter(
         2.0, "largest feed-forward torque, over the joint's effort limit", "-", 0.1, 1e6
@@ -54,7 +54,7 @@ class SafetyParams(Params):
         1.5, "measured power that stops the robot, over effort times velocity limit", "-", 0.1, 1e6
     )
     trip_ticks: int = parameter(
-        5, "ticks in a row beyond overspeed or power before the robot is stopped", "ticks", 1, 1000
+        5, "consecutive ticks above overspeed or power that stop the robot", "ticks", 1, 1000
     )
 
 

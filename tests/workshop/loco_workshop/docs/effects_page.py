@@ -12,22 +12,30 @@ from loco_sim import effects
 from loco_sim.effects.identity import SITES
 
 INTRO = """\
-Departures of the plant from the ideal robot. An experiment lists them in order:
-`effects: [{name: push, force: [0, 30, 0], start: 5, stop: 6}]`. Defaults are off, and an
-effect that is off changes no byte. `joint` picks joints by name or pattern
-(`"*_kfe_joint"`). Every effect also has `start` and `stop` [s]; those that are built into
-the world are there from start to end. On a joint that slides read m for rad, N for N·m and
-kg for kg·m².
+An effect is a deviation of the simulated robot from the ideal one. An experiment lists effects in
+order: `effects: [{name: push, force: [0, 30, 0], start: 5, stop: 6}]`. The default of an effect is
+off; it then changes no byte.
 
-*Prior*: nine of ten robots that have the effect lie between the outer numbers, the middle
-one is typical; log-normal when all are above 0. *Enters*: where the effect enters the
-plant (`command`, `drive`, `torque`, `brake`, `force`, `model`) or which sensor signal it changes.
-*Passive*: it can never add energy to a robot that is not driven. *Smooth*: gradients may be
-used. Figures: grey is the bare plant, orange the plant with the effect, in a fitting
-experiment (`loco docs --figures` makes them anew, always the same).
+How to read the entries:
 
-Friction is a budget of torque to stop a joint. Below it a joint at rest stays at rest to
-the last bit; a sliding joint is slowed by budget / inertia and never pushed back."""
+- *Parameters*: effects on joints also have `joint`, a name or pattern such as `"*_kfe_joint"`;
+  without it they act on all joints to which they apply. Every effect has `start` and `stop` [s].
+  Effects *from start to end* are built into the world and act during the whole run. For sliding
+  joints the units are m instead of rad, N instead of N·m and kg instead of kg·m².
+- *Prior*: nine of ten robots with the effect have a value between the outer numbers; the middle
+  number is typical. The distribution is log-normal if all numbers are above 0.
+- *Enters*: the part of the plant in which the effect acts (`command`, `drive`, `torque`, `brake`,
+  `force`, `model`), or the sensor signals that it changes.
+- *Passive*: the effect can never add energy to a robot without drives. *Smooth*: its derivatives
+  may be used by an optimiser.
+- *Similar to*: another effect that can cause the same data, with an experiment that separates both
+  and its result.
+- Pictures: a fitting experiment without the effect (grey) and with it (orange).
+  `loco docs --figures` draws them again.
+
+A friction effect is a largest torque that acts against the motion. A joint at rest stays at rest
+while the other torques are smaller. A moving joint is slowed down, and its direction is never
+reversed."""
 
 
 def overview() -> list[str]:
@@ -35,13 +43,13 @@ def overview() -> list[str]:
     parts = [INTRO]
     for site in SITES:
         rows = "\n".join(f"| {_link(n)} | {_first_sentence(n)} |" for n in _names(site))
-        parts.append(f"## {site.capitalize()}\n\n| effect | what it does |\n| --- | --- |\n{rows}")
+        parts.append(f"## {site.capitalize()}\n\n| effect | description |\n| --- | --- |\n{rows}")
     return parts
 
 
 def page(site: str) -> list[str]:
     """Sections of the page about the effects of a site, in order."""
-    return ["What the words mean stands in [effects](effects.md).", *map(_entry, _names(site))]
+    return ["[Effects](effects.md) explains the entries.", *map(_entry, _names(site))]
 
 
 def _names(site: str) -> list[str]:
@@ -70,11 +78,12 @@ def _entry(name: str) -> str:
         f"Enters {', '.join(f'`{t}`' for t in identity.touches)}; "
         f"{'passive' if identity.passive else 'not passive'}, "
         f"{'smooth' if identity.smooth else 'not smooth'}"
-        f"{', from start to end' if cls.lasting else ''}. "
+        f"{', from start to end' if cls.lasting else ''}"
+        f"{'; acts on `joint`' if 'joint' in _fields(cls) else ''}. "
         f"Source: {identity.source}."
     )
     similar = "\n".join(
-        f"- looks like {_link(other.name)}: {other.experiment}" for other in identity.look_alikes
+        f"- similar to {_link(other.name)}: {other.experiment}" for other in identity.look_alikes
     )
     return "\n\n".join(
         (
@@ -91,7 +100,7 @@ def _entry(name: str) -> str:
 def _table(name: str) -> str:
     lines = ["| parameter | default | unit | range | prior | meaning |", "|" + " --- |" * 6]
     for f in dataclasses.fields(effects.EFFECTS[name]):
-        if f.name not in ("start", "stop"):
+        if f.name not in ("joint", "start", "stop"):
             meta = f.metadata
             cells = (
                 f"`{f.name}`",
@@ -103,6 +112,10 @@ def _table(name: str) -> str:
             )
             lines.append("| " + " | ".join(c.replace("|", "\\|") for c in cells) + " |")
     return "\n".join(lines)
+
+
+def _fields(cls: Any) -> set[str]:
+    return {f.name for f in dataclasses.fields(cls)}
 
 
 def _default(value: Any) -> str:

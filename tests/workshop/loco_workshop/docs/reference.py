@@ -58,24 +58,25 @@ def pages() -> dict[str, str]:
         "topics.md": _topics(),
         "messages.md": _messages(),
         "parameters.md": _parameters(),
+        "parameters_nodes.md": _node_parameters(),
         "effects.md": _page("Effects", *overview()),
         **{f"effects_{site}.md": _page(f"Effects: {site}", *page(site)) for site in SITES},
     }
 
 
 def _topics() -> str:
-    head = ("topic", "type", "QoS", "rate (simulated time)", "writer", "readers", "what it says")
+    head = ("topic", "type", "QoS", "rate (simulated time)", "writer", "readers", "content")
     parts = [
         f"## Graph `{name}`\n\n{_table(head, map(_topic_row, rows.values()))}"
         for name, rows in TABLES.items()
     ]
     return _page(
         "Topics",
-        "Names are relative unless they start with `/`. Depth is the reader's; writers keep "
+        "Names are relative unless they start with `/`. Depth is that of the reader; writers keep "
         f"{WRITER_DEPTH} messages for the recorder. Rates are per simulated second; those of the "
-        "graph `joint` are of a robot at 100 ticks per second. With [faults](faults.md) readers of "
-        f"a damaged topic hear `{faulty('TOPIC')}`, and `{LOST_TICK.name}` (`std_msgs/UInt64`) "
-        f"tells the plant: {LOST_TICK.doc}.",
+        "graph `joint` are for a robot with 100 ticks per second.",
+        f"With [faults](faults.md), readers of a damaged topic read `{faulty('TOPIC')}` instead. "
+        f"`{LOST_TICK.name}` (`std_msgs/UInt64`) then means: {LOST_TICK.doc}.",
         *parts,
     )
 
@@ -121,34 +122,45 @@ def _split_unit(comment: str) -> tuple[str, str]:
     return comment, ""
 
 
+_HEAD = ("key", "default", "unit", "range", "meaning")
+
+
 def _parameters() -> str:
-    head = ("key", "default", "unit", "range", "meaning")
+    return _page(
+        "Parameters",
+        "Keys of an experiment YAML; `loco run NAME --set gait.speed=0.3` changes one. The nodes "
+        "declare the same names as ROS parameters. [More parameters of the nodes]"
+        "(parameters_nodes.md) are on a page of their own.",
+        "## Experiment\n\nThese are the keys of an experiment with a gait, such as of HyQ.\n\n"
+        + _table(_HEAD, _rows(Experiment(), "")),
+        "### Without a gait\n\nAn experiment with a `target` has no gait, trunk or stance. The "
+        "inputs of its learner are joints and IMU.\n\n"
+        + _table(_HEAD, [*_rows(CpgParams(), "target."), *_rows(JointLearnerParams(), "learner.")]),
+        "### The plant\n\nThe section `sim` has the values that differ from those of the robot.\n\n"
+        + _table(_HEAD, _rows(SimParams(), "sim.")),
+        "## Masses and springs\n\nThese are the keys of an experiment with a `network` or a "
+        "`preset`.\n\n" + _table(_HEAD, _rows(NetworkExperiment(), "")),
+    )
+
+
+def _node_parameters() -> str:
     common = list(_rows(Fault(), ""))
     faults = [("all", *row) for row in common]
     for kind, fault in FAULTS.items():
         faults += [(f"`{kind}`", *row) for row in _rows(fault(), "") if row not in common]
     return _page(
-        "Parameters",
-        "Keys of an experiment YAML; `loco run NAME --set gait.speed=0.3` changes one. The nodes "
-        "declare the same names as ROS parameters.",
-        "## Experiment\n\nWith a gait, as of HyQ.\n\n" + _table(head, _rows(Experiment(), "")),
-        "### Without a gait\n\nAn experiment with a `target` has neither gait, trunk nor stance, "
-        "and a learner that feels joints and IMU.\n\n"
-        + _table(head, [*_rows(CpgParams(), "target."), *_rows(JointLearnerParams(), "learner.")]),
-        "### The plant\n\nUnder `sim`: those that differ from the robot's.\n\n"
-        + _table(head, _rows(SimParams(), "sim.")),
-        "## Masses and springs\n\nAn experiment with a `network` or a `preset`.\n\n"
-        + _table(head, _rows(NetworkExperiment(), "")),
-        "## Every node\n\nROS parameters only, not keys of an experiment.\n\n"
-        + _table(head, _rows(HealthParams(), "diagnostics."))
+        "Parameters of nodes",
+        "ROS parameters of the nodes that are not keys of an experiment.",
+        "## Every node\n\nEach limit has two values, for a warning and for an error.\n\n"
+        + _table(_HEAD, _rows(HealthParams(), "diagnostics."))
         + "\n\n`loco run --realtime fifo=80` sets one of these:\n\n"
-        + _table(head, _rows(RealtimeParams(), "realtime.")),
-        "## Plants\n\nROS parameters of `robot_sim` only.\n\n"
-        + _table(head, _rows(SafetyParams(), "safety."))
+        + _table(_HEAD, _rows(RealtimeParams(), "realtime.")),
+        "## Plants\n\nOnly `robot_sim` has these parameters.\n\n"
+        + _table(_HEAD, _rows(SafetyParams(), "safety."))
         + "\n\n`loco run --tick late=safe-stop` sets one of these:\n\n"
-        + _table(head, _rows(TickParams(), "")),
-        "## Faults\n\nOf `loco run --fault TOPIC:KIND:KEY=VALUE`, [more](faults.md).\n\n"
-        + _table(("kind", *head), faults),
+        + _table(_HEAD, _rows(TickParams(), "")),
+        "## Faults\n\nThese are the keys of `loco run --fault TOPIC:KIND:KEY=VALUE` "
+        "([faults](faults.md)).\n\n" + _table(("kind", *_HEAD), faults),
     )
 
 

@@ -15,11 +15,11 @@ CALIBRATION_TOPICS = {
     topic.name: topic
     for topic in (
         Topic("calibration", "loco_msgs/CalibrationState", LATCHED_LOG, 0, CALIBRATOR, (),
-              "progress of a calibration and how it ended"),
+              "progress and result of a calibration"),
         Topic("gap", "loco_msgs/Gap", STATE, 0, CALIBRATOR, (),
-              "how far the model is from the measured robot, once per period of the actuation"),
+              "difference between model and measured robot, once per period of the actuation"),
         Topic("gap_search", "loco_msgs/GapSearch", LATCHED_LOG, 0, CALIBRATOR, (),
-              "progress of a search for the cause of the gap, and what was found"),
+              "progress and result of a search for the cause of the gap"),
         TOPICS["/diagnostics"],
         TOPICS["events"],
     )

@@ -93,7 +93,7 @@ def _rows() -> tuple[Topic, ...]:
     nodes = (sim, target, reflex, stance, recorder)
     return (
         Topic("robot_state", "loco_msgs/RobotState", COMMAND, 250, sim, (target, reflex, stance),
-              "what the robot measures; starts the tick"),
+              "measurements of the robot; starts the tick"),
         Topic("gait_target", "loco_msgs/GaitTarget", COMMAND, 250, target, (reflex, stance),
               "joint and foot references of the RCF"),
         Topic("motion_command", "loco_msgs/MotionCommand", COMMAND, 250, reflex, (sim, stance),
@@ -118,16 +118,16 @@ def _rows() -> tuple[Topic, ...]:
               "ready, phase, heard, clipped, fall, resumed, timeout, estop, estop reset, finished, "
               "error"),
         Topic("recorder_status", "loco_msgs/RecorderStatus", LATCHED, 0, recorder, (sim,),
-              "how far the recorder is; lockstep waits for it"),
+              "progress of the recorder; lockstep waits for it"),
         Topic("cmd_vel", "geometry_msgs/TwistStamped", COMMAND, 0, "any", (target,),
-              "velocity of the trunk wanted: linear.x, linear.y [m/s], angular.z [rad/s]"),
+              "commanded velocity of the trunk: linear.x, linear.y [m/s], angular.z [rad/s]"),
         Topic("gait_frequency", "std_msgs/Float64", COMMAND, 0, "any", (target,),
-              "stride frequency wanted [Hz]"),
+              "commanded stride frequency [Hz]"),
         Topic("stance_estimator", "std_msgs/String", COMMAND, 0, "any", (stance,), "pse or rse"),
         Topic("heartbeat", "std_msgs/Empty", STATE, 0, "any", (sim,),
-              "the operator is there; see the plant's parameter `heartbeat`"),
+              "sign of life of the operator; see the plant's parameter `heartbeat`"),
         Topic("estop", "std_msgs/Bool", STATE, 0, "any", (sim,),
-              "true stops the robot until the service set_estop resets it"),
+              "true stops the robot until the service `set_estop` resets the stop"),
     )  # fmt: skip
 
 
@@ -135,7 +135,7 @@ TOPICS = {topic.name: topic for topic in _rows()}
 # Exists only in graphs with faults, so it is not in a table.
 LOST_TICK = Topic(
     "lost_tick", "std_msgs/UInt64", STATE, 0, "faults", ("robot_sim",),
-    "a fault has taken a message of this tick: no command will come for it",
+    "a fault removed a message of this tick, so no command will arrive for it",
 )  # fmt: skip
 NODES = ("robot_sim", "target_generator", "reflex_network", "stance_controller")
 

@@ -40,10 +40,10 @@ class ActuatorLag(DriveEffect, name="actuator_lag"):
         source="Hwangbo, Lee, Dosovitskiy, Bellicoso, Tsounis, Koltun, Hutter 2019, Learning "
         "agile and dynamic motor skills for legged robots, Science Robotics 4(26)",
         look_alikes=(
-            LookAlike("actuation_delay", "a chirp: a delay leaves the amplitude alone at all "
-                      "frequencies"),
-            LookAlike("series_elasticity", "hold still and load the joint: a lag gives no way"),
-            LookAlike("armature", "torque off: inertia stays, a lag is gone"),
+            LookAlike("actuation_delay", "chirp: a delay does not change "
+                                         "the amplitude at any frequency"),
+            LookAlike("series_elasticity", "load a resting joint: a lag does not deflect"),
+            LookAlike("armature", "torque off: inertia still acts, a lag does not"),
         ),
         touches=("drive",),
     )  # fmt: skip
@@ -72,9 +72,9 @@ class TorqueLimit(MotorEffect, name="torque_limit"):
         source="Siciliano, Sciavicco, Villani, Oriolo 2009, Robotics, section 5.2 (saturation of "
         "drives)",
         look_alikes=(
-            LookAlike("torque_speed_line", "a large step at rest: the line limits moving "
-                      "joints only"),
-            LookAlike("supply_sag", "one joint alone: the supply holds"),
+            LookAlike("torque_speed_line", "large step from rest: the "
+                                           "line limits only moving joints"),
+            LookAlike("supply_sag", "move one joint alone: the supply does not sag"),
             LookAlike("spring_saturation", "torque off: the spring still saturates"),
         ),
         touches=("drive",),
@@ -101,9 +101,9 @@ class TorqueSpeedLine(MotorEffect, name="torque_speed_line"):
         priors={"slope": Prior(0.01, 0.05, 0.2)},
         source=_DC_MOTOR,
         look_alikes=(
-            LookAlike("torque_limit", "a large step at rest: a limit is there without motion"),
-            LookAlike("viscous_friction", "small fast motions: the line is out of reach"),
-            LookAlike("supply_sag", "one joint alone at full speed: the supply holds"),
+            LookAlike("torque_limit", "large step from rest: a limit acts even without motion"),
+            LookAlike("viscous_friction", "small fast motions: the torque stays below the line"),
+            LookAlike("supply_sag", "one joint alone at full speed: the supply does not sag"),
         ),
         touches=("drive",),
         smooth=False,
@@ -120,7 +120,7 @@ class SupplySag(MotorEffect, name="supply_sag"):
     In a geared servo it acts on the motor, before rotor and gear.
     """
 
-    sag: float = parameter(0.0, "share lost when all joints pull their limit", "-", 0.0, 1.0)
+    sag: float = parameter(0.0, "share lost when all joints are at their limit", "-", 0.0, 1.0)
     law, among, shared = rows.SAG, "limited", True
 
     identity = Identity(
@@ -129,7 +129,7 @@ class SupplySag(MotorEffect, name="supply_sag"):
         priors={"sag": Prior(0.05, 0.2, 0.6)},
         source=_DC_MOTOR,
         look_alikes=(
-            LookAlike("torque_constant_error", "load the other joints: a constant does not care"),
+            LookAlike("torque_constant_error", "load the other joints: a constant is the same"),
             LookAlike("torque_limit", "small torques: the supply sags there too"),
         ),
         touches=("drive",),
@@ -157,9 +157,9 @@ class TorqueConstantError(MotorEffect, name="torque_constant_error"):
         "parameters of robots, J. Dynamic Systems, Measurement and Control 136(5)",
         look_alikes=(
             LookAlike("payload", "two postures, or a known weight: a mass does not scale kp"),
-            LookAlike("load_friction", "raise and lower a weight slowly: friction changes sides"),
-            LookAlike("supply_sag", "load the other joints"),
-            LookAlike("armature", "hold a known weight: inertia does not weigh"),
+            LookAlike("load_friction", "raise and lower a weight slowly: friction reverses"),
+            LookAlike("supply_sag", "load the other joints: only a supply sags"),
+            LookAlike("armature", "hold a known weight: inertia needs no torque"),
         ),
         touches=("drive",),
         passive=False,
@@ -178,7 +178,7 @@ class Backlash(DriveEffect, name="backlash"):
     """
 
     width: float = parameter(0.0, "play between the two flanks", "rad", low=0.0, high=0.5)
-    inertia: float = parameter(0.003, "of the rotor, at the joint", "kg·m²", 1e-6, 10.0)
+    inertia: float = parameter(0.003, "inertia of the rotor, at the joint", "kg·m²", 1e-6, 10.0)
     law, among = rows.BACKLASH, "driven"
 
     identity = Identity(
@@ -189,9 +189,9 @@ class Backlash(DriveEffect, name="backlash"):
         source="Nordin, Gutman 2002, Controlling mechanical systems with backlash: a survey, "
         "Automatica 38(10)",
         look_alikes=(
-            LookAlike("coulomb_friction", "hold against a load: friction holds, play lets go"),
-            LookAlike("actuation_delay", "a bias torque that never reverses: play is gone"),
-            LookAlike("hysteresis", "open the loop and turn the joint by hand: play is free"),
+            LookAlike("coulomb_friction", "hold against a load: friction holds, backlash does not"),
+            LookAlike("actuation_delay", "constant bias torque: backlash has no effect"),
+            LookAlike("hysteresis", "drive off, turn by hand: backlash needs no torque"),
         ),
         touches=("drive",),
         smooth=False,
@@ -210,14 +210,14 @@ class SeriesElasticity(Measuring, DriveEffect, name="series_elasticity"):
     """
 
     compliance: float = parameter(0.0, "one over the stiffness", "rad/(N·m)", 0.0, 10.0)
-    inertia: float = parameter(0.02, "of the rotor, at the joint", "kg·m²", 1e-6, 10.0)
-    damping: float = parameter(0.05, "of the spring", "N·m·s/rad", 0.0, 1000.0)
+    inertia: float = parameter(0.02, "inertia of the rotor, at the joint", "kg·m²", 1e-6, 10.0)
+    damping: float = parameter(0.05, "damping of the spring", "N·m·s/rad", 0.0, 1000.0)
     law, among = rows.SERIES, "driven"
 
     identity = Identity(
         site="compliance",
         equation="inertia dw/dt = tau_drive(theta) - tau; tau = (theta - q) / compliance + "
-        "damping (w - dq); the encoder says theta",
+        "damping (w - dq); the encoder reads theta",
         priors={
             "compliance": Prior(1e-4, 0.002, 0.05),
             "inertia": Prior(1e-3, 0.01, 0.2),
@@ -226,9 +226,9 @@ class SeriesElasticity(Measuring, DriveEffect, name="series_elasticity"):
         source="Spong 1987, Modeling and control of elastic joint robots, J. Dynamic Systems, "
         "Measurement and Control 109(4); Pratt, Williamson 1995, Series elastic actuators, IROS",
         look_alikes=(
-            LookAlike("actuator_lag", "hold still and load the joint: a lag gives no way"),
-            LookAlike("trunk_flex", "fix the trunk: the joints alone still give way"),
-            LookAlike("torque_constant_error", "ring the joint: a spring adds a resonance"),
+            LookAlike("actuator_lag", "load a resting joint: a lag does not deflect"),
+            LookAlike("trunk_flex", "fix the trunk: the joints alone still deflect"),
+            LookAlike("torque_constant_error", "excite the joint: a spring adds a resonance"),
         ),
         touches=("command", "drive", "q", "dq"),
     )
@@ -255,21 +255,21 @@ class SeriesElasticity(Measuring, DriveEffect, name="series_elasticity"):
 class JointOffset(Measuring, JointEffect, name="joint_offset"):
     """A joint is mounted rotated: the zero of drive and sensor is not that of the model."""
 
-    offset: float = parameter(0.0, "true angle when the sensor says 0", "rad", -3.2, 3.2)
+    offset: float = parameter(0.0, "true angle when the reading is 0", "rad", -3.2, 3.2)
     among, needs = "driven", ("follower",)
     by_itself = True
 
     identity = Identity(
         site="actuator",
-        equation="the drive holds q_d + offset; the sensor says q - offset",
+        equation="the drive holds q_d + offset; the sensor reads q - offset",
         priors={"offset": Prior(-0.1, 0.0, 0.1)},
         source="Hollerbach, Khalil, Gautier 2008, Model identification, Springer Handbook of "
         "Robotics, chapter 14",
         look_alikes=(
-            LookAlike("sensor_bias", "hold still: a bias moves the sensor away from the command, "
-                      "an offset does not"),
-            LookAlike("rest_angle_error", "torque off: the spring stays off its rest"),
-            LookAlike("com_offset", "turn the robot: gravity moves with it"),
+            LookAlike("sensor_bias", "hold still: a bias separates sensor "
+                                     "and command, an offset does not"),
+            LookAlike("rest_angle_error", "torque off: the error of the spring remains"),
+            LookAlike("com_offset", "turn the robot: a wrong centre of mass changes the torque"),
         ),
         touches=("command", "q"),
         passive=False,

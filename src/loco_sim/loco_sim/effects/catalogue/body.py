@@ -54,7 +54,7 @@ class Payload(Effect, name="payload"):
     """
 
     mass: float = parameter(0.0, "mass of the payload", "kg", low=0.0, high=1000.0)
-    position: tuple[float, float, float] = parameter((0.0, 0.0, 0.0), "where, link frame", "m")
+    position: tuple[float, float, float] = parameter((0.0, 0.0, 0.0), "place, link frame", "m")
     link: str = parameter("", "link that carries it; empty is the base (last link if fixed)")
     lasting = True
 
@@ -66,9 +66,9 @@ class Payload(Effect, name="payload"):
         source=_INERTIA,
         look_alikes=(
             LookAlike("torque_constant_error", "two postures, or another gain of the drive"),
-            LookAlike("com_offset", "weigh the robot: an offset adds nothing"),
-            LookAlike("cable_force", "walk away: a hose pulls by place, a mass does not"),
-            LookAlike("rest_angle_error", "the robot in the air: a weight is gone"),
+            LookAlike("com_offset", "weigh the robot: an offset does not change the weight"),
+            LookAlike("cable_force", "walk away: only the force of a hose changes"),
+            LookAlike("rest_angle_error", "robot in the air: the legs carry no payload"),
         ),
         touches=("model",),
     )
@@ -110,9 +110,9 @@ class ComOffset(Effect, name="com_offset"):
     """The centre of mass of a link is displaced; mass and inertia about it are unchanged."""
 
     offset: tuple[float, float, float] = parameter(
-        (0.0, 0.0, 0.0), "by how much, link frame", "m", low=-1.0, high=1.0
+        (0.0, 0.0, 0.0), "displacement in the link frame", "m", low=-1.0, high=1.0
     )
-    link: str = parameter("", "which link; empty is the base (last link if fixed)")
+    link: str = parameter("", "link; empty is the base (last link if fixed)")
     lasting, needs = True, ("turns",)
 
     identity = Identity(
@@ -122,11 +122,11 @@ class ComOffset(Effect, name="com_offset"):
         priors={"offset": Prior(-0.03, 0.0, 0.03)},
         source=_INERTIA,
         look_alikes=(
-            LookAlike("payload", "weigh the robot: a payload adds to it"),
-            LookAlike("slope", "turn the robot around: a slope stays, an offset turns with it"),
-            LookAlike("imu_tilt", "feet forces: a tilted IMU does not move them"),
-            LookAlike("joint_offset", "turn the robot: gravity moves with it"),
-            LookAlike("sensor_bias", "another gain of the drive: a weight gives way, a bias stays"),
+            LookAlike("payload", "weigh the robot: a payload adds to the weight"),
+            LookAlike("slope", "turn the robot around: an offset turns with it, a slope does not"),
+            LookAlike("imu_tilt", "foot forces: a tilted IMU does not change them"),
+            LookAlike("joint_offset", "turn the robot: a wrong centre of mass changes the torque"),
+            LookAlike("sensor_bias", "another gain: a bias does not change"),
         ),
         touches=("model",),
     )
@@ -146,12 +146,12 @@ class ComOffset(Effect, name="com_offset"):
 class Armature(JointEffect, name="armature"):
     """Inertia of rotor and gear that the model lacks.
 
-    It acts on the joint alone, as the inertia of a rotor behind a gear. PyBullet has no such
-    inertia: there it is added to the moved link about the joint's axis, with half of it about the
-    two other axes, the least that is physically possible, which also loads the joints before it.
+    It acts only on the joint, like the inertia of a rotor behind a gear. PyBullet has no such
+    inertia: there it is added to the moved link about the joint's axis. The two other axes get half
+    of it, the least that is physically possible, which also loads the joints before it.
     """
 
-    inertia: float = parameter(0.0, "of the rotor, at the joint", "kg·m²", 0.0, 100.0)
+    inertia: float = parameter(0.0, "inertia of the rotor, at the joint", "kg·m²", 0.0, 100.0)
     lasting, among = True, "turning"
 
     identity = Identity(
@@ -161,9 +161,9 @@ class Armature(JointEffect, name="armature"):
         priors={"inertia": Prior(1e-4, 0.003, 0.1)},
         source=f"{_INERTIA}; rotor inertia n^2 J as in Robotics (Siciliano 2009), section 7.2",
         look_alikes=(
-            LookAlike("payload", "hold still at two angles: inertia does not weigh"),
-            LookAlike("actuator_lag", "torque off: inertia stays, a lag is gone"),
-            LookAlike("torque_constant_error", "hold a known weight: inertia does not weigh"),
+            LookAlike("payload", "hold still at two angles: inertia needs no torque"),
+            LookAlike("actuator_lag", "torque off: inertia still acts, a lag does not"),
+            LookAlike("torque_constant_error", "hold a known weight: inertia needs no torque"),
         ),
         touches=("model",),
     )
@@ -186,12 +186,12 @@ class TrunkFlex(Effect, name="trunk_flex"):
     the same centre, so that with a locked hinge the robot is unchanged.
     """
 
-    compliance: float = parameter(0.0, "turn per torque", "rad/(N·m)", 0.0, 10.0)
-    damping: float = parameter(0.1, "of the hinge", "N·m·s/rad", 0.0, 1000.0)
+    compliance: float = parameter(0.0, "rotation per torque", "rad/(N·m)", 0.0, 10.0)
+    damping: float = parameter(0.1, "damping of the hinge", "N·m·s/rad", 0.0, 1000.0)
     axis: str = parameter(
         "y", "y bends it up and down, x twists it, z sideways", choices=("x", "y", "z")
     )
-    position: float = parameter(0.0, "where, x in the frame of the base", "m", -10.0, 10.0)
+    position: float = parameter(0.0, "position x of the hinge in the base frame", "m", -10.0, 10.0)
     lasting, needs = True, ("base", "legs")
 
     identity = Identity(
@@ -201,9 +201,9 @@ class TrunkFlex(Effect, name="trunk_flex"):
         source="De Luca, Book 2008, Robots with flexible elements, Springer Handbook of "
         "Robotics, chapter 13",
         look_alikes=(
-            LookAlike("series_elasticity", "fix the trunk: the joints alone no longer give way"),
-            LookAlike("ground_compliance", "the robot in the air: a trunk still bends"),
-            LookAlike("com_offset", "shake the robot in the air: a flexible trunk rings"),
+            LookAlike("series_elasticity", "fix the trunk: the joints alone do not deflect"),
+            LookAlike("ground_compliance", "robot in the air: the trunk still bends"),
+            LookAlike("com_offset", "shake the robot in the air: a flexible trunk oscillates"),
         ),
         touches=("model",),
     )
@@ -225,10 +225,10 @@ class TrunkFlex(Effect, name="trunk_flex"):
 class CableForce(Effect, name="cable_force"):
     """A hose or cable that pulls a link towards an anchor when taut; it never pushes."""
 
-    stiffness: float = parameter(0.0, "of the cable", "N/m", low=0.0, high=1e6)
+    stiffness: float = parameter(0.0, "stiffness of the cable", "N/m", low=0.0, high=1e6)
     anchor: tuple[float, float, float] = parameter((0.0, 0.0, 2.0), "fixed end, world frame", "m")
-    length: float = parameter(1.0, "at which it becomes taut", "m", low=0.0, high=100.0)
-    point: tuple[float, float, float] = parameter((0.0, 0.0, 0.0), "where, link frame", "m")
+    length: float = parameter(1.0, "length at which the cable is taut", "m", low=0.0, high=100.0)
+    point: tuple[float, float, float] = parameter((0.0, 0.0, 0.0), "place, link frame", "m")
     link: str = parameter("", "link that it pulls; empty is the base (last link if fixed)")
 
     _link = None  # the base
@@ -240,10 +240,10 @@ class CableForce(Effect, name="cable_force"):
         source="Semini, Tsagarakis, Guglielmino, Focchi, Cannella, Caldwell 2011, Design of HyQ, "
         "Proc. IMechE Part I 225(6) (hydraulic hoses)",
         look_alikes=(
-            LookAlike("push", "walk to another place: a push does not care"),
-            LookAlike("payload", "walk away: a mass does not pull by place"),
-            LookAlike("slope", "walk in a circle: a slope pulls one way"),
-            LookAlike("added_stiffness", "move the other joints: a spring does not care"),
+            LookAlike("push", "walk to another place: a push does not change"),
+            LookAlike("payload", "walk away: the force of a mass does not change"),
+            LookAlike("slope", "walk in a circle: a slope always pulls in one direction"),
+            LookAlike("added_stiffness", "move the other joints: a spring does not change"),
         ),
         touches=("force",),
     )

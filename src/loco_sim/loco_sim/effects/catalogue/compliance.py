@@ -72,9 +72,9 @@ class StiffnessError(Elastic, name="stiffness_error"):
         source="thesis eq. (5.1) and Table 5.1: hind springs 181.6 to 440.6 N/m",
         look_alikes=(
             LookAlike("cubic_stiffness", "small and large motions: the error is the same"),
-            LookAlike("spring_saturation", "small motions: the error stays"),
+            LookAlike("spring_saturation", "small motions: the error is still there"),
             LookAlike("payload", "two postures, or the robot in the air"),
-            LookAlike("sensor_nonlinearity", "hang known weights: the torque tells the spring"),
+            LookAlike("sensor_nonlinearity", "hang known weights: they show the true spring"),
         ),
         touches=_TOUCHES,
     )
@@ -88,7 +88,7 @@ class AddedStiffness(Elastic, name="added_stiffness"):
     """A spring parallel to the drive that the model lacks, e.g. from a cable or a seal."""
 
     stiffness: float = parameter(0.0, "stiffness of the joint", "N·m/rad", -1e3, 1e5)
-    rest: float = parameter(0.0, "where it is slack, from the joint's rest", "rad", -3.2, 3.2)
+    rest: float = parameter(0.0, "slack angle, from the joint's rest", "rad", -3.2, 3.2)
     law = rows.SPRING
 
     identity = Identity(
@@ -99,9 +99,9 @@ class AddedStiffness(Elastic, name="added_stiffness"):
         source=_KERSCHEN,
         look_alikes=(
             LookAlike("cubic_stiffness", "small and large motions: the stiffness is the same"),
-            LookAlike("stiffness_error", "torque off, joint bent by hand: where is it slack"),
-            LookAlike("joint_offset", "two gains of the drive: a spring pulls less at the higher"),
-            LookAlike("torque_constant_error", "torque off: a spring remains"),
+            LookAlike("stiffness_error", "torque off, bend by hand: the slack angles differ"),
+            LookAlike("joint_offset", "two gains: a spring deflects the joint less at the higher"),
+            LookAlike("torque_constant_error", "torque off: a spring still acts"),
             LookAlike("cable_force", "bend to both sides: a cable pulls and never pushes"),
         ),
         touches=_TOUCHES,
@@ -126,11 +126,11 @@ class CubicStiffness(Elastic, name="cubic_stiffness"):
         source=f"{_KERSCHEN}; Wigren, Schoukens 2013, Three free data sets for development and "
         "benchmarking in nonlinear system identification, ECC (Silverbox)",
         look_alikes=(
-            LookAlike("stiffness_error", "small motions: a cubic is gone"),
-            LookAlike("added_stiffness", "small motions: a cubic is gone"),
-            LookAlike("end_stop", "half the amplitude: a stop is out of reach"),
-            LookAlike("spring_saturation", "largest motions: saturation never changes sign"),
-            LookAlike("sensor_nonlinearity", "hang known weights: the torque tells the spring"),
+            LookAlike("stiffness_error", "small motions: a cubic spring has no effect"),
+            LookAlike("added_stiffness", "small motions: a cubic spring has no effect"),
+            LookAlike("end_stop", "half the amplitude: the stop is not reached"),
+            LookAlike("spring_saturation", "largest motions: a cubic torque may change its sign"),
+            LookAlike("sensor_nonlinearity", "hang known weights: they show the true spring"),
         ),
         touches=_TOUCHES,
     )
@@ -144,7 +144,7 @@ class SpringSaturation(Elastic, name="spring_saturation"):
     """Above a certain torque a spring of the robot has a smaller stiffness."""
 
     lost: float = parameter(0.0, "share of the stiffness lost above the torque", "-", 0.0, 1.0)
-    torque: float = parameter(0.1, "where it begins", "N·m", 1e-4, 1e3)
+    torque: float = parameter(0.1, "torque at which saturation begins", "N·m", 1e-4, 1e3)
     law, among = rows.SATURATION, "sprung"
 
     identity = Identity(
@@ -154,9 +154,9 @@ class SpringSaturation(Elastic, name="spring_saturation"):
         priors={"lost": Prior(0.2, 0.7, 1.0), "torque": Prior(0.02, 0.1, 2.0)},
         source=_THESIS,
         look_alikes=(
-            LookAlike("stiffness_error", "small motions: saturation is gone"),
-            LookAlike("cubic_stiffness", "largest motions: the slope stays positive"),
-            LookAlike("hysteresis", "load and unload slowly: saturation has one branch"),
+            LookAlike("stiffness_error", "small motions: no saturation"),
+            LookAlike("cubic_stiffness", "largest motions: a saturated slope is positive"),
+            LookAlike("hysteresis", "load and unload slowly: saturation has no loop"),
             LookAlike("sensor_nonlinearity", "hang known weights and measure the angle by hand"),
             LookAlike("torque_limit", "torque off: the spring still saturates"),
         ),
@@ -172,7 +172,7 @@ class SpringSaturation(Elastic, name="spring_saturation"):
 class RestAngleError(Elastic, name="rest_angle_error"):
     """The rest angle of a spring of the robot differs from the model."""
 
-    offset: float = parameter(0.0, "angle by which it is off", "rad", -1.5, 1.5)
+    offset: float = parameter(0.0, "error of the rest angle", "rad", -1.5, 1.5)
     law, among = rows.SHIFTED, "sprung"
 
     identity = Identity(
@@ -181,9 +181,9 @@ class RestAngleError(Elastic, name="rest_angle_error"):
         priors={"offset": Prior(-0.15, 0.0, 0.15)},
         source="thesis section 5.1: the slack position of a mounted spring is hard to measure",
         look_alikes=(
-            LookAlike("sensor_bias", "joint against its stop: a bias moves the stop"),
-            LookAlike("payload", "the robot in the air: a weight is gone"),
-            LookAlike("joint_offset", "torque off: a drive's offset is gone"),
+            LookAlike("sensor_bias", "joint against its stop: with a bias the reading is wrong"),
+            LookAlike("payload", "robot in the air: the legs carry no payload"),
+            LookAlike("joint_offset", "torque off: an offset of the drive has no effect"),
         ),
         touches=_TOUCHES,
     )
@@ -199,7 +199,7 @@ class EndStop(Elastic, name="end_stop"):
     For a negative angle the stop is on the other side. A stop only pushes.
     """
 
-    angle: float = parameter(0.0, "where, from the joint's rest; 0 is none", "rad", -3.2, 3.2)
+    angle: float = parameter(0.0, "angle from the joint's rest; 0: no stop", "rad", -3.2, 3.2)
     stiffness: float = parameter(20.0, "of the stop", "N·m/rad", 1e-3, 1e6)
     damping: float = parameter(0.0, "of the stop", "N·m·s/rad", 0.0, 1e4)
     law = rows.END_STOP
@@ -216,8 +216,8 @@ class EndStop(Elastic, name="end_stop"):
         source="Hunt, Crossley 1975, Coefficient of restitution interpreted as damping in "
         "vibroimpact, J. Applied Mechanics 42(2)",
         look_alikes=(
-            LookAlike("cubic_stiffness", "half the amplitude: a cubic is still there"),
-            LookAlike("sensor_stuck", "push the joint on: at a stop the torque rises"),
+            LookAlike("cubic_stiffness", "half the amplitude: a cubic spring still acts"),
+            LookAlike("sensor_stuck", "push the joint further: only at a stop the torque rises"),
         ),
         touches=_TOUCHES,
         smooth=False,
@@ -249,8 +249,8 @@ class EndStop(Elastic, name="end_stop"):
 class Hysteresis(TorqueEffect, name="hysteresis"):
     """Rate-independent friction with a spring in series (Bouc-Wen with exponent 1: Dahl's law)."""
 
-    torque: float = parameter(0.0, "friction torque after a long way", "N·m", 0.0, 200.0)
-    stroke: float = parameter(0.02, "way on which 63 % of it builds up", "rad", 1e-4, 3.0)
+    torque: float = parameter(0.0, "friction torque after a long displacement", "N·m", 0.0, 200.0)
+    stroke: float = parameter(0.02, "displacement after which it reaches 63 %", "rad", 1e-4, 3.0)
     law = rows.HYSTERESIS
 
     identity = Identity(
@@ -262,8 +262,8 @@ class Hysteresis(TorqueEffect, name="hysteresis"):
         look_alikes=(
             LookAlike("coulomb_friction", "small reversals: dry friction does not spring back"),
             LookAlike("viscoelasticity", "two speeds: hysteresis is the same"),
-            LookAlike("backlash", "open the loop and turn the joint by hand: play is free"),
-            LookAlike("spring_saturation", "load and unload slowly: saturation has one branch"),
+            LookAlike("backlash", "drive off, turn by hand: backlash needs no torque"),
+            LookAlike("spring_saturation", "load and unload slowly: saturation has no loop"),
         ),
         touches=_TOUCHES,
         kind="friction",
@@ -280,8 +280,8 @@ class Hysteresis(TorqueEffect, name="hysteresis"):
 class Viscoelasticity(TorqueEffect, name="viscoelasticity"):
     """A spring in series with a damper (Maxwell): stiff in fast motion, soft in slow motion."""
 
-    stiffness: float = parameter(0.0, "of the spring, felt by fast motions", "N·m/rad", 0.0, 1e5)
-    time: float = parameter(0.1, "in which its torque fades", "s", 1e-3, 100.0)
+    stiffness: float = parameter(0.0, "stiffness of the spring in fast motion", "N·m/rad", 0.0, 1e5)
+    time: float = parameter(0.1, "time constant of the decay of its torque", "s", 1e-3, 100.0)
     law = rows.MAXWELL
 
     identity = Identity(
@@ -291,8 +291,8 @@ class Viscoelasticity(TorqueEffect, name="viscoelasticity"):
         source="Findley, Lai, Onaran 1976, Creep and relaxation of nonlinear viscoelastic "
         "materials, North-Holland (Maxwell model)",
         look_alikes=(
-            LookAlike("viscous_friction", "fast shakes: a damper grows on, a spring does not"),
-            LookAlike("added_stiffness", "step and hold: its torque stays"),
+            LookAlike("viscous_friction", "fast oscillations: the torque of a damper still grows"),
+            LookAlike("added_stiffness", "step and hold: the torque of a spring does not decay"),
             LookAlike("hysteresis", "two speeds: hysteresis is the same"),
         ),
         touches=_TOUCHES,

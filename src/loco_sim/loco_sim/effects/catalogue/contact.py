@@ -65,9 +65,9 @@ class FootFriction(Effect, name="foot_friction"):
         priors={"error": Prior(-0.8, 0.0, 2.0)},
         source="thesis Table 5.1: front 0.1 to 0.283, hind 0.1 to 0.0008",
         look_alikes=(
-            LookAlike("slip", "the same step many times: slip comes and goes"),
-            LookAlike("slope", "walk both ways: friction is the same"),
-            LookAlike("ground_compliance", "stand on it: soft ground gives way, slippery does not"),
+            LookAlike("slip", "the same step many times: slip does not occur in each"),
+            LookAlike("slope", "walk in both directions: friction is the same"),
+            LookAlike("ground_compliance", "stand still: feet sink into soft ground only"),
         ),
         touches=("model",),
         smooth=False,
@@ -89,8 +89,8 @@ class FootFriction(Effect, name="foot_friction"):
 class Slip(Effect, name="slip"):
     """Slippery patches: friction drops at random times, independently for each foot."""
 
-    loss: float = parameter(0.0, "share of the friction that is lost there", "-", 0.0, 1.0)
-    share: float = parameter(0.3, "share of the time on patches", "-", 0.01, 0.99)
+    loss: float = parameter(0.0, "share of the friction lost on a patch", "-", 0.0, 1.0)
+    share: float = parameter(0.3, "share of the time that a foot is on patches", "-", 0.01, 0.99)
     duration: float = parameter(0.3, "mean time on a patch", "s", 1e-3, 100.0)
     foot: str = parameter("", "feet, by name or pattern; empty is all")
     needs, blind = ("feet",), True
@@ -107,8 +107,8 @@ class Slip(Effect, name="slip"):
         source="Focchi, Barasuol, Frigerio, Caldwell, Semini 2018, Slip detection and recovery "
         "for quadruped robots, Robotics Research (ISRR)",
         look_alikes=(
-            LookAlike("foot_friction", "the same step many times: it is always the same"),
-            LookAlike("push", "the robot in the air: a push is still there"),
+            LookAlike("foot_friction", "the same step many times: low friction acts in each"),
+            LookAlike("push", "robot in the air: a push still acts"),
         ),
         touches=("model",),
         smooth=False,
@@ -161,8 +161,8 @@ STANCE = (
 class Giving(Effect):
     """Base of effects with compliant ground (spring and damper), everywhere or in patches."""
 
-    compliance: float = parameter(0.0, "way per force under one foot", "m/N", 0.0, 1.0)
-    damping: float = parameter(300.0, "of the ground under one foot", "N·s/m", 0.0, 1e6)
+    compliance: float = parameter(0.0, "sinking per force under one foot", "m/N", 0.0, 1.0)
+    damping: float = parameter(300.0, "damping of the ground under one foot", "N·s/m", 0.0, 1e6)
 
     def softened(self, stiffness: float) -> tuple[float, float]:
         """Stiffness [N/m], damping [N·s/m] of a contact that had `stiffness`; 0 is rigid."""
@@ -183,9 +183,9 @@ class GroundCompliance(Giving, name="ground_compliance"):
         priors=GIVES,
         source=STANCE,
         look_alikes=(
-            LookAlike("trunk_flex", "the robot in the air: a trunk still bends"),
-            LookAlike("stiffness_error", "the robot in the air: springs are still soft"),
-            LookAlike("foot_friction", "stand on it: slippery ground does not give way"),
+            LookAlike("trunk_flex", "robot in the air: the trunk still bends"),
+            LookAlike("stiffness_error", "robot in the air: soft springs still deflect"),
+            LookAlike("foot_friction", "stand still: feet do not sink into slippery ground"),
         ),
         touches=("model",),
     )
@@ -228,8 +228,8 @@ class SoftPatches(Giving, name="soft_patches"):
         priors=GIVES,
         source=STANCE,
         look_alikes=(
-            LookAlike("ground_compliance", "stand still in many places: it is soft in each"),
-            LookAlike("terrain", "stand still: rough ground does not give way"),
+            LookAlike("ground_compliance", "stand in many places: it is soft in each"),
+            LookAlike("terrain", "stand still: feet do not sink into rough ground"),
         ),
         touches=("model",),
         untried="its places are random, and no prediction knows the pattern",
@@ -274,7 +274,7 @@ class RoughGround(Effect, name="terrain"):
         "agile and dynamic motor skills for legged robots, Science Robotics 4(26)",
         look_alikes=(
             LookAlike("push", "the same walk on another path: pushes do not depend on the place"),
-            LookAlike("ground_compliance", "stand still: soft ground gives way, rough does not"),
+            LookAlike("ground_compliance", "stand still: feet sink into soft ground only"),
         ),
         touches=("model",),
         smooth=False,
@@ -294,7 +294,7 @@ class GroundHeight(Effect, name="ground_height"):
     The radius of the foot is increased by this height, so that it touches earlier.
     """
 
-    height: float = parameter(0.0, "by how much it is higher", "m", -0.5, 0.5)
+    height: float = parameter(0.0, "height difference", "m", -0.5, 0.5)
     foot: str = parameter("", "feet, by name or pattern; empty is all")
     lasting, needs = True, ("legs",)
 
@@ -306,9 +306,9 @@ class GroundHeight(Effect, name="ground_height"):
         "planning for rough terrain locomotion in presence of external disturbances and variable "
         "perception quality, Advances in Robotics Research, Springer",
         look_alikes=(
-            LookAlike("joint_offset", "the robot in the air: the angle is still wrong"),
-            LookAlike("slope", "turn the robot around: a slope stays, a worn sole turns with it"),
-            LookAlike("ground_compliance", "stand on it: soft ground gives way with the load"),
+            LookAlike("joint_offset", "robot in the air: a joint offset is still there"),
+            LookAlike("slope", "turn the robot around: a slope does not turn with it"),
+            LookAlike("ground_compliance", "stand still: soft ground sinks with the load"),
         ),
         touches=("model",),
         smooth=False,
@@ -333,11 +333,11 @@ class GroundHeight(Effect, name="ground_height"):
 class Slope(Measuring, Effect, name="slope"):
     """The ground (or the bench) is inclined: gravity and the IMU readings are rotated.
 
-    The world's frame is that of the ground, x ahead on it.
+    The world frame is fixed to the ground, with x ahead along it.
     """
 
-    pitch: float = parameter(0.0, "uphill ahead", "rad", low=-3.2, high=3.2)
-    roll: float = parameter(0.0, "left side higher", "rad", low=-3.2, high=3.2)
+    pitch: float = parameter(0.0, "inclination, uphill in front", "rad", low=-3.2, high=3.2)
+    roll: float = parameter(0.0, "inclination, left side higher", "rad", low=-3.2, high=3.2)
     lasting = True
 
     identity = Identity(
@@ -350,8 +350,8 @@ class Slope(Measuring, Effect, name="slope"):
         look_alikes=(
             LookAlike("imu_tilt", "turn the robot around: a tilted IMU turns with it"),
             LookAlike("com_offset", "turn the robot around: an offset turns with it"),
-            LookAlike("push", "let the robot hop: a slope pulls every link"),
-            LookAlike("sensor_bias", "motion: a biased sensor moves nothing"),
+            LookAlike("push", "let the robot hop: a slope acts on every link"),
+            LookAlike("sensor_bias", "look at the motion: a biased sensor does not change it"),
         ),
         touches=("model", "orientation"),
     )

@@ -48,11 +48,11 @@ class CommandDelay(Effect, name="command_delay"):
         priors={"delay": Prior(0.002, 0.02, 0.2)},
         source="thesis section 5.3.2.2 (about 100 ms on Tigrillo) and chapter 8",
         look_alikes=(
-            LookAlike("actuation_delay", "push the robot by hand: a late torque takes damping "
-                      "away, a late command does not"),
-            LookAlike("sensor_latency", "an outside sensor of the same motion"),
-            LookAlike("actuator_lag", "a chirp: a lag takes amplitude away, a delay does not"),
-            LookAlike("command_dropout", "a slow ramp: lost commands make steps"),
+            LookAlike("actuation_delay", "push the robot by hand: only "
+                                         "a late torque reduces damping"),
+            LookAlike("sensor_latency", "measure the motion by a second, external sensor"),
+            LookAlike("actuator_lag", "chirp: a lag reduces the amplitude, a delay does not"),
+            LookAlike("command_dropout", "slow ramp: lost commands make steps"),
         ),
         touches=("command",),
         passive=False,
@@ -90,9 +90,9 @@ class ActuationDelay(DriveEffect, name="actuation_delay"):
         priors={"delay": Prior(0.001, 0.005, 0.05)},
         source="Tan et al. 2018, Sim-to-real: learning agile locomotion for quadruped robots, RSS",
         look_alikes=(
-            LookAlike("command_delay", "push the robot by hand: a late command keeps damping"),
-            LookAlike("actuator_lag", "a chirp: a lag takes amplitude away, a delay does not"),
-            LookAlike("backlash", "a bias torque that never reverses: play is gone"),
+            LookAlike("command_delay", "push by hand: a late command does not reduce damping"),
+            LookAlike("actuator_lag", "chirp: a lag reduces the amplitude, a delay does not"),
+            LookAlike("backlash", "constant bias torque: backlash has no effect"),
         ),
         touches=("drive",),
         passive=False,

@@ -23,8 +23,8 @@ if TYPE_CHECKING:
 class SensorStuck(Measuring, Effect, name="sensor_stuck"):
     """A sensor repeats its reading from the start of the fault."""
 
-    channel: str = parameter("none", "which sensor", choices=("none", *SENSOR_SIGNALS))
-    index: int = parameter(-1, "which joint, foot or axis; -1 is all", low=-1)
+    channel: str = parameter("none", "sensor", choices=("none", *SENSOR_SIGNALS))
+    index: int = parameter(-1, "index of joint, foot or axis; -1 is all", low=-1)
 
     identity = Identity(
         site="sensor",
@@ -32,8 +32,8 @@ class SensorStuck(Measuring, Effect, name="sensor_stuck"):
         priors={},
         source="Isermann 2006, Fault-diagnosis systems, Springer",
         look_alikes=(
-            LookAlike("end_stop", "push the joint on: at a stop the torque rises"),
-            LookAlike("sensor_latency", "wait: late values come"),
+            LookAlike("end_stop", "push the joint further: only at a stop the torque rises"),
+            LookAlike("sensor_latency", "wait: delayed values arrive, a stuck sensor stays"),
         ),
         touches=SENSOR_SIGNALS,
         smooth=False,
@@ -80,7 +80,7 @@ def stuck(value: np.ndarray, held: np.ndarray, index: int) -> np.ndarray:
 class CommandDropout(Effect, name="command_dropout"):
     """Motion commands are lost; the drives hold the last received command."""
 
-    probability: float = parameter(0.0, "that a command is lost", low=0.0, high=1.0)
+    probability: float = parameter(0.0, "probability that a command is lost", low=0.0, high=1.0)
     needs = ("follower",)
 
     draws = True
@@ -91,8 +91,8 @@ class CommandDropout(Effect, name="command_dropout"):
         source="Hespanha, Naghshtabrizi, Xu 2007, A survey of recent results in networked control "
         "systems, Proc. IEEE 95(1)",
         look_alikes=(
-            LookAlike("command_delay", "a slow ramp: lost commands make steps, late ones do not"),
-            LookAlike("quantisation", "hold still at many angles: steps of the sensor stand"),
+            LookAlike("command_delay", "slow ramp: lost commands make steps, late ones do not"),
+            LookAlike("quantisation", "hold still at many angles: the sensor has steps"),
         ),
         touches=("command",),
         passive=False,

@@ -37,11 +37,11 @@ class CoulombFriction(BrakeEffect, name="coulomb_friction"):
         source="Olsson, Astrom, Canudas de Wit, Gafvert, Lischinsky 1998, Friction models and "
         "friction compensation, European Journal of Control 4(3)",
         look_alikes=(
-            LookAlike("stribeck_friction", "very slow ramps: its torque falls with speed"),
-            LookAlike("viscous_friction", "two speeds: its torque grows with speed"),
-            LookAlike("hysteresis", "small reversals: a spring gives before it slides"),
-            LookAlike("backlash", "hold against a load: play lets go, friction holds"),
-            LookAlike("load_friction", "hang a weight on the joint: its torque grows"),
+            LookAlike("stribeck_friction", "very slow ramps: Stribeck friction falls with speed"),
+            LookAlike("viscous_friction", "two speeds: viscous friction grows with speed"),
+            LookAlike("hysteresis", "small reversals: hysteresis is elastic before it slides"),
+            LookAlike("backlash", "hold against a load: friction holds, backlash does not"),
+            LookAlike("load_friction", "hang a weight on the joint: load friction grows"),
         ),
         touches=_TOUCHES,
         kind="friction",
@@ -57,7 +57,7 @@ class StribeckFriction(BrakeEffect, name="stribeck_friction"):
     """Dry friction at rest that vanishes with speed; add `coulomb_friction` for a constant part."""
 
     torque: float = parameter(0.0, "friction torque at rest", "N·m", low=0.0, high=200.0)
-    velocity: float = parameter(0.1, "at this speed 37 % of it is left", "rad/s", 1e-4, 100.0)
+    velocity: float = parameter(0.1, "speed at which 37 % of it remains", "rad/s", 1e-4, 100.0)
 
     identity = Identity(
         site="friction",
@@ -67,9 +67,9 @@ class StribeckFriction(BrakeEffect, name="stribeck_friction"):
         "tools and compensation methods for the control of machines with friction, "
         "Automatica 30(7)",
         look_alikes=(
-            LookAlike("coulomb_friction", "slow and fast ramps: its torque stays"),
-            LookAlike("backlash", "hold against a load and reverse: play has no breakaway torque"),
-            LookAlike("hysteresis", "small reversals: a spring gives before it slides"),
+            LookAlike("coulomb_friction", "slow and fast ramps: Coulomb friction is the same"),
+            LookAlike("backlash", "hold and reverse a load: backlash has no breakaway torque"),
+            LookAlike("hysteresis", "small reversals: hysteresis is elastic before it slides"),
         ),
         touches=_TOUCHES,
         kind="friction",
@@ -110,11 +110,11 @@ class ViscousFriction(BrakeEffect, name="viscous_friction"):
         "friction compensation, European Journal of Control 4(3)",
         look_alikes=(
             LookAlike("coulomb_friction", "two speeds: dry friction is the same at both"),
-            LookAlike("torque_speed_line", "brake the joint from outside: the line only "
-                      "limits a motor that drives, at full torque"),
-            LookAlike("viscoelasticity", "step and hold: its torque fades at rest, and a fast "
-                      "move feels a spring"),
-            LookAlike("actuator_lag", "torque off: a lag leaves the free swing alone"),
+            LookAlike("torque_speed_line", "brake the joint from outside: the line limits "
+                                           "only a driving motor at full torque"),
+            LookAlike("viscoelasticity", "step and hold: the torque decays; fast "
+                                         "motion: it acts as a spring"),
+            LookAlike("actuator_lag", "torque off: a lag does not change the free swing"),
         ),
         touches=_TOUCHES,
         kind="friction",
@@ -128,7 +128,7 @@ class ViscousFriction(BrakeEffect, name="viscous_friction"):
 class LoadFriction(BrakeEffect, name="load_friction"):
     """Dry friction of a gear, in proportion to the torque of its drive."""
 
-    share: float = parameter(0.0, "friction torque per torque", "-", low=0.0, high=0.95)
+    share: float = parameter(0.0, "friction torque per drive torque", "-", low=0.0, high=0.95)
     among = "driven"
 
     identity = Identity(
@@ -138,9 +138,9 @@ class LoadFriction(BrakeEffect, name="load_friction"):
         source="Duclusaud, Passault, Padois, Ly 2024, Extended friction models for the physics "
         "simulation of servo actuators, arXiv 2410.08650 (model M3)",
         look_alikes=(
-            LookAlike("coulomb_friction", "hang a weight on the joint: dry friction stays"),
-            LookAlike("torque_constant_error", "raise and lower a weight slowly: friction changes "
-                      "sides, a torque constant does not"),
+            LookAlike("coulomb_friction", "hang a weight on the joint: dry friction is the same"),
+            LookAlike("torque_constant_error", "raise and lower a weight slowly: "
+                                               "only friction changes its sign"),
         ),
         touches=_TOUCHES,
         kind="friction",
@@ -168,8 +168,8 @@ class AsymmetricFriction(BrakeEffect, name="asymmetric_friction"):
         "tools and compensation methods for the control of machines with friction, "
         "Automatica 30(7)",
         look_alikes=(
-            LookAlike("coulomb_friction", "both ways at one speed: dry friction is the same"),
-            LookAlike("torque_bias", "hold still without a load: a bias pulls on, friction holds"),
+            LookAlike("coulomb_friction", "both directions: Coulomb friction is the same"),
+            LookAlike("torque_bias", "at rest, no load: a bias acts, friction does not"),
         ),
         touches=_TOUCHES,
         kind="friction",
@@ -192,7 +192,7 @@ class CoupledFriction(TorqueEffect, name="coupled_friction"):
 
     torque: float = parameter(0.0, "dry friction torque", "N·m", low=0.0, high=200.0)
     damping: float = parameter(0.0, "viscous damping", "N·m·s/rad", low=0.0, high=1000.0)
-    stroke: float = parameter(0.01, "way on which 63 % of it builds up", "rad", 1e-4, 3.0)
+    stroke: float = parameter(0.01, "displacement after which it reaches 63 %", "rad", 1e-4, 3.0)
     law, among, shared = rows.COUPLED, "followed", True
 
     identity = Identity(
@@ -204,8 +204,8 @@ class CoupledFriction(TorqueEffect, name="coupled_friction"):
         source="Gautier, Vandanjon, Presse 1994, Identification of inertial and drive gain "
         "parameters of robots, IEEE Conf. Decision and Control (coupled wrist)",
         look_alikes=(
-            LookAlike("coulomb_friction", "move one of the two joints alone: the other is pulled"),
-            LookAlike("viscous_friction", "move one of the two joints alone: the other is pulled"),
+            LookAlike("coulomb_friction", "move one joint alone: a torque acts on the other"),
+            LookAlike("viscous_friction", "move one joint alone: a torque acts on the other"),
         ),
         touches=("torque",),
         kind="friction",

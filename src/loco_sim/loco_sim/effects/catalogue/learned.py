@@ -26,26 +26,26 @@ class LearnedResidual(TorqueEffect, name="learned_residual"):
     weights: tuple[float, ...] = parameter(
         (0.0,) * rows.FEATURES, "weight of each feature", "N·m", -1e4, 1e4
     )
-    middle: float = parameter(0.0, "middle of the positions that were seen", "rad", -1e3, 1e3)
-    travel: float = parameter(1.0, "half of their range", "rad", 1e-6, 1e3)
-    speed: float = parameter(1.0, "largest speed that was seen", "rad/s", 1e-6, 1e4)
+    middle: float = parameter(0.0, "middle of the training positions", "rad", -1e3, 1e3)
+    travel: float = parameter(1.0, "half of the range around the middle", "rad", 1e-6, 1e3)
+    speed: float = parameter(1.0, "largest training speed", "rad/s", 1e-6, 1e4)
     load: float = parameter(
-        0.0, "middle of the torques of drive and spring that were seen", "N·m", -1e4, 1e4
+        0.0, "middle of the training torques of drive and spring", "N·m", -1e4, 1e4
     )
-    load_range: float = parameter(1.0, "half of their range", "N·m", 1e-6, 1e4)
-    time: float = parameter(0.02, "in which a change of the torque is forgotten", "s", 1e-3, 1.0)
+    load_range: float = parameter(1.0, "half of the range around the middle", "N·m", 1e-6, 1e4)
+    time: float = parameter(0.02, "time constant of the filtered torque change", "s", 1e-3, 1.0)
     law, among = rows.LEARNED, "driven"
 
     identity = Identity(
         site="actuator",
         equation="tau <- tau + sum of weights times features of position, speed, torque of drive "
-        "and spring, and its change; 0 outside of what was seen",
+        "and spring, and its change; 0 outside of the training range",
         priors={"weights": Prior(-1.0, 0.0, 1.0)},
         source="thesis chapter 9: a simulator joined to a network; ridge regression, Hoerl and "
         "Kennard 1970, Technometrics 12(1)",
         look_alikes=(
-            LookAlike("stribeck_friction", "any name that passes explains; a correction does not"),
-            LookAlike("cubic_stiffness", "beyond the angles that were seen: a correction is gone"),
+            LookAlike("stribeck_friction", "an effect that passes is preferred to a correction"),
+            LookAlike("cubic_stiffness", "beyond the recorded angles: a correction is zero"),
         ),
         touches=("torque",),
         passive=False,

@@ -66,8 +66,8 @@ class SensorNoise(Measuring, Effect, name="sensor_noise"):
         strengths=("q", "dq", "tau", "grf", "orientation", "gyro", "accelerometer"),
         source="Woodman 2007, An introduction to inertial navigation, UCAM-CL-TR-696",
         look_alikes=(
-            LookAlike("quantisation", "hold still: steps stand, noise goes on"),
-            LookAlike("push", "two sensors of one motion: a push is in both"),
+            LookAlike("quantisation", "hold still: noise varies, a quantised reading does not"),
+            LookAlike("push", "two sensors of one motion: a push shows in both"),
         ),
         touches=SENSOR_SIGNALS,
         noise=True,

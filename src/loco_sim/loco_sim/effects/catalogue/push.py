@@ -36,7 +36,7 @@ class Push(Effect, name="push"):
     force: tuple[float, float, float] = parameter(
         (0.0, 0.0, 0.0), "force, world frame", "N", -1e4, 1e4
     )
-    point: tuple[float, float, float] = parameter((0.0, 0.0, 0.0), "where, link frame", "m")
+    point: tuple[float, float, float] = parameter((0.0, 0.0, 0.0), "place, link frame", "m")
     random: float = parameter(0.0, "amplitude of the random force on each axis", "N", 0.0, 1e4)
     shortest: float = parameter(0.1, "shortest time between two draws", "s", low=0.0)
     longest: float = parameter(1.0, "longest time between two draws", "s", low=0.0)
@@ -53,9 +53,9 @@ class Push(Effect, name="push"):
         strengths=("force", "random"),
         source="thesis section 7.4; random force of the author's simulation (hyq_ml)",
         look_alikes=(
-            LookAlike("cable_force", "walk to another place: a cable pulls by place"),
-            LookAlike("slope", "let the robot hop: a slope pulls every link"),
-            LookAlike("slip", "the robot in the air: a push is still there"),
+            LookAlike("cable_force", "walk to another place: the force of a cable changes"),
+            LookAlike("slope", "let the robot hop: a slope acts on every link"),
+            LookAlike("slip", "robot in the air: a push still acts"),
         ),
         touches=("force",),
         passive=False,

@@ -113,10 +113,10 @@ class SensorBias(LinearSensor, name="sensor_bias"):
         strengths=("q", "tau", "gyro", "accelerometer"),
         source=_INERTIAL,
         look_alikes=(
-            LookAlike("joint_offset", "hold still: with an offset sensor and command agree"),
-            LookAlike("rest_angle_error", "joint against its stop: a spring leaves the stop alone"),
+            LookAlike("joint_offset", "hold still: with a joint offset sensor and command agree"),
+            LookAlike("rest_angle_error", "joint at its stop: a spring does not change readings"),
             LookAlike("imu_tilt", "turn the robot on its side: a tilt turns with it"),
-            LookAlike("com_offset", "another gain of the drive: a weight gives way, a bias stays"),
+            LookAlike("com_offset", "another gain: a bias does not change"),
         ),
         touches=("q", "tau", "angular_velocity", "linear_acceleration"),
     )
@@ -156,10 +156,10 @@ class SensorGain(LinearSensor, name="sensor_gain"):
         strengths=("q", "tau", "grf", "gyro", "accelerometer"),
         source=_INERTIAL,
         look_alikes=(
-            LookAlike("stiffness_error", "joint to known angles by hand: the spring is off duty"),
-            LookAlike("torque_constant_error", "motion: a torque sensor moves nothing"),
-            LookAlike("sensor_nonlinearity", "small and large angles: a gain is the same"),
-            LookAlike("sensor_bias", "two angles far apart: a bias is the same at both"),
+            LookAlike("stiffness_error", "known angles by hand: the spring has no effect"),
+            LookAlike("torque_constant_error", "the motion: a torque sensor does not change it"),
+            LookAlike("sensor_nonlinearity", "small and large angles: a gain error is the same"),
+            LookAlike("sensor_bias", "two distant angles: a bias is the same at both"),
         ),
         touches=("q", "dq", "tau", "grf", "angular_velocity", "linear_acceleration"),
     )
@@ -180,8 +180,8 @@ class SensorNonlinearity(JointSensor, name="sensor_nonlinearity"):
     The velocity is the derivative of the distorted position.
     """
 
-    quadratic: float = parameter(0.0, "bend about the joint's rest", "1/rad", -5.0, 5.0)
-    cubic: float = parameter(0.0, "bend about the joint's rest", "1/rad²", -10.0, 10.0)
+    quadratic: float = parameter(0.0, "coefficient about the joint's rest", "1/rad", -5.0, 5.0)
+    cubic: float = parameter(0.0, "coefficient about the joint's rest", "1/rad²", -10.0, 10.0)
     by_itself = True
 
     identity = Identity(
@@ -192,9 +192,9 @@ class SensorNonlinearity(JointSensor, name="sensor_nonlinearity"):
         strengths=("quadratic", "cubic"),
         source="thesis section 4.2: Hall sensors in the knees, 0.01 to 1 degree per count",
         look_alikes=(
-            LookAlike("cubic_stiffness", "hang known weights: the torque tells the spring"),
-            LookAlike("spring_saturation", "joint to known angles by hand"),
-            LookAlike("sensor_gain", "small and large angles: a gain is the same"),
+            LookAlike("cubic_stiffness", "hang known weights: they show the true spring"),
+            LookAlike("spring_saturation", "move the joint to known angles by hand"),
+            LookAlike("sensor_gain", "small and large angles: a gain error is the same"),
         ),
         touches=("q", "dq"),
     )
@@ -223,7 +223,7 @@ class Quantisation(JointSensor, name="quantisation"):
         priors={"step": Prior(2e-4, 3e-3, 0.02)},
         source="Widrow, Kollar 2008, Quantization noise, Cambridge University Press",
         look_alikes=(
-            LookAlike("sensor_noise", "hold still: noise goes on, steps stand"),
+            LookAlike("sensor_noise", "hold still: noise varies, a quantised reading does not"),
             LookAlike("stribeck_friction", "turn slowly by hand: the joint itself does not stick"),
         ),
         touches=("q",),
@@ -244,8 +244,8 @@ class SensorLatency(Measuring, Effect, name="sensor_latency"):
     of the feet is not delayed.
     """
 
-    delay: float = parameter(0.0, "delay, need not be whole samples", "s", low=0.0, high=1.0)
-    channel: str = parameter("all", "which sensors", choices=("all", *SENSOR_SIGNALS))
+    delay: float = parameter(0.0, "delay, also in fractions of a sample", "s", low=0.0, high=1.0)
+    channel: str = parameter("all", "sensors", choices=("all", *SENSOR_SIGNALS))
 
     identity = Identity(
         site="sensor",
@@ -254,10 +254,10 @@ class SensorLatency(Measuring, Effect, name="sensor_latency"):
         priors={"delay": Prior(0.002, 0.01, 0.1)},
         source="Tan et al. 2018, Sim-to-real: learning agile locomotion for quadruped robots, RSS",
         look_alikes=(
-            LookAlike("command_delay", "push the robot by hand: only a sensor is late then; two "
-                      "sensors of one motion, an outside one in time"),
-            LookAlike("actuation_delay", "as for a command delay"),
-            LookAlike("sensor_stuck", "wait: late values come"),
+            LookAlike("command_delay", "push the robot by hand: only a late sensor "
+                                       "shows; or compare with an external sensor without delay"),
+            LookAlike("actuation_delay", "the same experiments as for a command delay"),
+            LookAlike("sensor_stuck", "wait: delayed values arrive, a stuck sensor stays"),
         ),
         touches=SENSOR_SIGNALS,
         late="delay",
@@ -307,9 +307,9 @@ class SensorLatency(Measuring, Effect, name="sensor_latency"):
 class ImuTilt(Measuring, Effect, name="imu_tilt"):
     """The IMU is mounted rotated: roll, then pitch, then yaw about fixed axes of the base."""
 
-    roll: float = parameter(0.0, "of the IMU in the base", "rad", low=-3.2, high=3.2)
-    pitch: float = parameter(0.0, "of the IMU in the base", "rad", low=-3.2, high=3.2)
-    yaw: float = parameter(0.0, "of the IMU in the base", "rad", low=-3.2, high=3.2)
+    roll: float = parameter(0.0, "rotation of the IMU in the base", "rad", low=-3.2, high=3.2)
+    pitch: float = parameter(0.0, "rotation of the IMU in the base", "rad", low=-3.2, high=3.2)
+    yaw: float = parameter(0.0, "rotation of the IMU in the base", "rad", low=-3.2, high=3.2)
     needs = ("base",)
 
     identity = Identity(
@@ -320,8 +320,8 @@ class ImuTilt(Measuring, Effect, name="imu_tilt"):
         source=_INERTIAL,
         look_alikes=(
             LookAlike("slope", "turn the robot around: a slope does not turn with it"),
-            LookAlike("com_offset", "feet forces: a tilted IMU does not move them"),
-            LookAlike("sensor_bias", "turn the robot on its side: a bias stays"),
+            LookAlike("com_offset", "foot forces: a tilted IMU does not change them"),
+            LookAlike("sensor_bias", "turn the robot on its side: a bias does not change"),
         ),
         touches=("orientation", "angular_velocity", "linear_acceleration"),
     )

@@ -33,10 +33,10 @@ class TorqueBias(Elastic, name="torque_bias"):
         source="Gautier, Briot 2014, Global identification of joint drive gains and dynamic "
         "parameters of robots, J. Dynamic Systems, Measurement and Control 136(5) (offset)",
         look_alikes=(
-            LookAlike("slope", "turn the bench around, or level it: a bias stays"),
-            LookAlike("asymmetric_friction", "hold still without a load: friction only holds"),
-            LookAlike("com_offset", "two postures: a weight pulls by posture, a bias does not"),
-            LookAlike("joint_offset", "two gains of the drive: a bias pulls less at the higher"),
+            LookAlike("slope", "turn the bench around, or level it: a bias does not change"),
+            LookAlike("asymmetric_friction", "at rest without a load: friction does not act"),
+            LookAlike("com_offset", "two postures: only the torque of a weight changes"),
+            LookAlike("joint_offset", "two gains: a bias deflects the joint less at the higher"),
         ),
         touches=("torque",),
     )
@@ -49,8 +49,8 @@ class TorqueBias(Elastic, name="torque_bias"):
 class TorqueRipple(TorqueEffect, name="torque_ripple"):
     """A torque that is periodic in the angle: cogging of a motor, teeth of a gear."""
 
-    sine: float = parameter(0.0, "part that goes as the sine", "N·m", -200.0, 200.0)
-    cosine: float = parameter(0.0, "part that goes as the cosine", "N·m", -200.0, 200.0)
+    sine: float = parameter(0.0, "amplitude of the sine", "N·m", -200.0, 200.0)
+    cosine: float = parameter(0.0, "amplitude of the cosine", "N·m", -200.0, 200.0)
     count: float = parameter(12.0, "periods in 2 pi of the joint", "-", 0.1, 1000.0)
     law, among = rows.WAVE, "driven"
 
@@ -66,7 +66,7 @@ class TorqueRipple(TorqueEffect, name="torque_ripple"):
         source="Holtz, Springob 1996, Identification and compensation of torque ripple in "
         "high-precision permanent magnet motor drives, IEEE Trans. Industrial Electronics 43(2)",
         look_alikes=(
-            LookAlike("coulomb_friction", "one way at one speed: friction stays, ripple turns"),
+            LookAlike("coulomb_friction", "constant speed: ripple varies, friction does not"),
             LookAlike("torque_bias", "turn by half a period: ripple changes its sign"),
         ),
         touches=("torque",),
@@ -97,19 +97,19 @@ class GravityCompensation(Effect, name="gravity_compensation"):
     Torque readings do not include it, as with controllers that subtract it.
     """
 
-    share: float = parameter(0.0, "share of the weight that is carried", "-", -1.0, 2.0)
+    share: float = parameter(0.0, "compensated share of the weight", "-", -1.0, 2.0)
     needs, lasting = ("bolted", "drives", "turns"), True
 
     identity = Identity(
         site="actuator",
-        equation="tau <- tau + share g(q), g what holds the robot as the model has it",
+        equation="tau <- tau + share g(q), g the torque that holds the model",
         priors={"share": Prior(-1.0, 0.0, 1.0)},
         source="Siciliano, Sciavicco, Villani, Oriolo 2009, Robotics, section 8.5.1 (PD control "
         "with gravity compensation)",
         look_alikes=(
-            LookAlike("payload", "fast motions without load: weight goes, inertia stays"),
-            LookAlike("com_offset", "fast motions: a centre of mass moves inertia, too"),
-            LookAlike("torque_bias", "two postures: what is carried goes with the weight"),
+            LookAlike("payload", "fast motions: a payload adds inertia, compensation does not"),
+            LookAlike("com_offset", "fast motions: a centre of mass also changes inertia"),
+            LookAlike("torque_bias", "two postures: a bias does not change"),
         ),
         touches=("model",),
     )
