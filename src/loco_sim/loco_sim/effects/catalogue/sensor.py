@@ -113,7 +113,7 @@ class SensorBias(LinearSensor, name="sensor_bias"):
         strengths=("q", "tau", "gyro", "accelerometer"),
         source=_INERTIAL,
         look_alikes=(
-            LookAlike("joint_offset", "hold still: with a joint offset sensor and command agree"),
+            LookAlike("joint_offset", "hold still: an offset leaves sensor and command equal"),
             LookAlike("rest_angle_error", "joint at its stop: a spring does not change readings"),
             LookAlike("imu_tilt", "turn the robot on its side: a tilt turns with it"),
             LookAlike("com_offset", "another gain: a bias does not change"),
