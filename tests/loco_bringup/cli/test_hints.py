@@ -20,11 +20,11 @@ HINT = re.compile(r"(?:`|: +|  )(?:\./)?loco ([a-z][^`\n]*)")
 
 def texts(path):
     """Texts of a program that are no docstrings; what is filled in later is X."""
-    tree = ast.parse(path.read_text())
-    bodies = [node.body[0] for node in ast.walk(tree) if isinstance(getattr(node, "body", 0), list)
-              and node.body]  # fmt: skip
-    skipped = {id(first.value) for first in bodies if isinstance(first, ast.Expr)}
-    for node in ast.walk(tree):
+    said, skipped = path.read_text(), set()
+    for node in ast.walk(ast.parse(said if "loco " in said else "")):
+        body = getattr(node, "body", None)
+        if isinstance(body, list) and body and isinstance(body[0], ast.Expr):
+            skipped.add(id(body[0].value))
         if isinstance(node, ast.JoinedStr):
             skipped |= set(map(id, node.values))
             yield "".join(v.value if isinstance(v, ast.Constant) else "X" for v in node.values)

@@ -21,6 +21,7 @@ from loco_sim.plant.model import Model
 EFFECTS = ("*_friction", "joint_offset", "sensor_bias", "command_delay", "hysteresis")
 QUICK = GapParams(effects=EFFECTS, most_terms=2)
 FEW = QUICK.replace(effects=("viscous_friction", "joint_offset"), most_terms=1)
+CHEAP = {"rough": 2, "evaluations": 4, "polished": 0}  # enough for what is about no value
 
 
 @pytest.fixture
@@ -57,7 +58,8 @@ def test_what_was_planted_is_named_with_its_size_and_place(found, effect, parame
 
 def test_of_two_effects_both_are_named(found):
     planted = {"viscous_friction": ("damping", 20.0), "sensor_bias": ("q", 0.002)}
-    gap = found([{"name": name, key: value} for name, (key, value) in planted.items()])
+    four = QUICK.replace(effects=(*planted, "coulomb_friction", "joint_offset"))
+    gap = found([{"name": name, key: value} for name, (key, value) in planted.items()], four)
     assert (gap["verdict"], sorted(gap["names"])) == ("named", sorted(planted))
     for term in gap["terms"]:
         key, value = planted[term["effect"]]
@@ -115,7 +117,8 @@ def test_what_does_not_show_in_what_is_held_out_is_judged_by_all_records(slide):
 def test_same_seed_same_file_for_any_number_of_workers_and_progress_rises(found):
     told = []
     effects = [{"name": "viscous_friction", "damping": 20.0}]
-    pair = QUICK.replace(effects=("viscous_friction", "coulomb_friction", "sensor_bias"))
+    three = ("viscous_friction", "coulomb_friction", "sensor_bias")
+    pair = QUICK.replace(effects=three, **CHEAP)
     one = found(effects, pair, progress=lambda share, stage, best: told.append(share))
     two = found(effects, pair, workers=2)
     assert json.dumps(one, sort_keys=True) == json.dumps(two, sort_keys=True)
@@ -162,7 +165,7 @@ def test_a_detail_that_fails_costs_no_search_and_leaves_a_note(found, monkeypatc
 
 @pytest.mark.parametrize("guess", ["joint_offset", "viscous_friction"])
 def test_engines_are_compared_with_what_was_found_where_the_guess_was_another(
-    found, monkeypatch, guess
+    slide, monkeypatch, guess
 ):
     """On the ground, the floor is that of the robot as it is, whatever was guessed before."""
     prepare, compared = workflow.cases.prepare, []
@@ -177,12 +180,9 @@ def test_engines_are_compared_with_what_was_found_where_the_guess_was_another(
 
     monkeypatch.setattr(workflow.cases, "prepare", on_ground)
     monkeypatch.setattr(workflow, "likely", guessed)
-    shares = []
-    gap = found(
-        [{"name": "viscous_friction", "damping": 20.0}],
-        FEW,
-        progress=lambda f, *_: shares.append(f),
-    )
+    shares, (fit, judge) = [], slide.records([{"name": "viscous_friction", "damping": 20.0}])
+    told = lambda share, *_: shares.append(share)  # noqa: E731
+    gap = workflow.find(slide.model, fit[:1], judge, FEW.replace(**CHEAP), progress=told)
     assert shares == sorted(shares)
     assert gap["names"] == ["viscous_friction"]
     again = [] if guess == "viscous_friction" else [["viscous_friction"]]

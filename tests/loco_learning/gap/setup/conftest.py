@@ -11,21 +11,13 @@ from loco_learning.gap.setup import family, mend
 from loco_sim.plant import model as models
 from loco_sim.plant.model import Model
 
-from .machines import MACHINES
+from .machines import MACHINES, recordings
 
 
 @pytest.fixture(scope="session")
 def recorded():
-    """Function that makes recordings of a machine; arguments as of `Machine.record`."""
-    memory = {}
-
-    def make(name, **about):
-        key = name, tuple(about.items())
-        if key not in memory:
-            memory[key] = [MACHINES[name].record(seed, **about) for seed in (1, 2)]
-        return copy.deepcopy(memory[key])
-
-    return make
+    """Function that copies recordings of a machine; arguments as of `machines.recordings`."""
+    return lambda name, **about: copy.deepcopy(recordings(name, **about))
 
 
 def read(folder, robot="robot.yaml"):

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from .machines import MACHINES, Machine
+from .machines import MACHINES, Machine, recordings
 
 Change = Callable[[dict], None]
 DEGREE = 180.0 / np.pi
@@ -142,7 +142,7 @@ def _wrap(rng, name: str, machine: Machine, joint: str) -> Mistake | None:
     if not _turning(name, joint):
         return None
     period = float(rng.choice([np.pi / 2.0, 2.0 * np.pi / 3.0]))
-    if max(np.ptp(MACHINES[name].record(seed)[f"q_{joint}"]) for seed in (1, 2)) < 1.05 * period:
+    if max(np.ptp(data[f"q_{joint}"]) for data in recordings(name)) < 1.05 * period:
         return None  # it may never have jumped
     change = _wrapped(f"q_{joint}", period)
     return Mistake(name, f"{joint} wraps at {period:.3f}", frozenset({"wrap"}), (joint,), change)

@@ -10,7 +10,8 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
-from functools import partial
+from functools import cache, partial
+from math import cos, sin
 from pathlib import Path
 
 import numpy as np
@@ -148,19 +149,25 @@ class Machine:
         return folder
 
 
+def solved(near, cross, far, x, y):
+    """Accelerations of two joints, by the elements of their mass matrix and their torques."""
+    determinant = near * far - cross**2
+    return np.array([(far * x - cross * y) / determinant, (near * y - cross * x) / determinant])
+
+
 def arm_acceleration(
     q, dq, tau, down, m=(1.0, 0.6), c=(0.15, 0.12), i=(0.0075, 0.00288), l=0.3, rotor=0.0
 ):
-    a, b = q[0], q[0] + q[1]
-    pull = [np.array([np.cos(x), np.sin(x)]) @ down for x in (a, b)]  # along the way of a tip
+    (a, bend), (da, db), (x, y), (side, up) = (v.tolist() for v in (q, dq, tau, down))
+    first, second = (cos(way) * side + sin(way) * up for way in (a, a + bend))  # along a tip's way
     h = m[1] * l * c[1]
     far = i[1] + m[1] * c[1] ** 2
-    cross = far + h * np.cos(q[1])
+    cross = far + h * cos(bend)
     near = i[0] + m[0] * c[0] ** 2 + m[1] * l**2 + 2.0 * cross - far
-    mass = np.array([[near + rotor, cross], [cross, far + rotor]])
-    turn = h * np.sin(q[1]) * np.array([2 * dq[0] * dq[1] + dq[1] ** 2, -(dq[0] ** 2)])
-    weight = np.array([(m[0] * c[0] + m[1] * l) * pull[0], 0.0]) + m[1] * c[1] * pull[1]
-    return np.linalg.solve(mass, tau + turn + weight)
+    x += h * sin(bend) * (2.0 * da * db + db**2) + (m[0] * c[0] + m[1] * l) * first
+    y -= h * sin(bend) * da**2
+    weight = m[1] * c[1] * second
+    return solved(near + rotor, cross, far + rotor, x + weight, y + weight)
 
 
 def pendulum_acceleration(q, dq, tau, down, m=1.5, c=0.4, i=0.03):
@@ -168,11 +175,10 @@ def pendulum_acceleration(q, dq, tau, down, m=1.5, c=0.4, i=0.03):
 
 
 def lift_acceleration(q, dq, tau, down, m=(3.0, 0.8), c=0.2, i=0.012):
-    s, k = np.sin(q[1]), np.cos(q[1])
-    mass = np.array([[sum(m), m[1] * c * s], [m[1] * c * s, i + m[1] * c**2]])
-    weight = np.array([sum(m) * down[1], m[1] * c * (k * down[0] + s * down[1])])
-    turn = np.array([-m[1] * c * k * dq[1] ** 2, 0.0])
-    return np.linalg.solve(mass, tau + turn + weight)
+    (_, a), (_, da), (x, y), (side, up) = (v.tolist() for v in (q, dq, tau, down))
+    s, k, h = sin(a), cos(a), m[1] * c
+    x += sum(m) * up - h * k * da**2
+    return solved(sum(m), h * s, i + h * c, x, y + h * (k * side + s * up))
 
 
 TURNS = (-2.5, 2.5, 30.0, 12.0)
@@ -204,3 +210,14 @@ MACHINES = {
         lift_acceleration, kp=(4000.0, 30.0), kd=(120.0, 1.2), size=(0.1, 0.6), friction=0.1,
     ),
 }  # fmt: skip
+
+
+@cache
+def recordings(name: str, **about: object) -> list[dict[str, np.ndarray]]:
+    """Two recordings of a machine, made once; whoever changes them copies them.
+
+    Args:
+        name: One of `MACHINES`.
+        about: Arguments of `Machine.record`.
+    """
+    return [MACHINES[name].record(seed, **about) for seed in (1, 2)]
