@@ -32,7 +32,7 @@ class Progress:
     sim_time: float = 0.0
     duration: float = 0.0
     real_time_factor: float = 0.0
-    pids: dict[str, int] = field(default_factory=dict)  # of the processes by name
+    pids: dict[str, int] = field(default_factory=dict)  # process ids by name
     # Newest event: time of arrival [s], text.
     events: deque[tuple[float, Any]] = field(default_factory=lambda: deque(maxlen=KEPT))
 

@@ -38,7 +38,7 @@ from ..legs.kinematics import inverse
 
 SPEED, FREQUENCY, DUTY, HEIGHT, LATERAL, YAW = range(6)  # indices into the vector `gait`
 X, Z, Y = range(3)  # columns of a foot path
-SHAPE = ("coupling", "convergence", "sharpness", "swing_skew", "filter_gain")  # of the stride
+SHAPE = ("coupling", "convergence", "sharpness", "swing_skew", "filter_gain")  # shape of the stride
 SEED_RADIUS = 3e-3  # radius from which the cycle grows when the gait starts [-]
 MAX_FOOT_SPEED = 10.0  # largest speed of a foot [m/s]
 

@@ -11,7 +11,7 @@ from typing import Any
 
 from ..params import Params, parameter
 
-OK, WARN, ERROR = b"\0", b"\1", b"\2"  # as in DiagnosticStatus
+OK, WARN, ERROR = b"\0", b"\1", b"\2"  # levels of DiagnosticStatus
 _PAGE = resource.getpagesize()
 
 

@@ -174,7 +174,7 @@ class _Course:
         self._parameters, self._tell = parameters, on_progress
         self.history: list[Generation] = []
         self.best, self.values = float("inf"), parameters.default
-        self.evaluations = 0  # of the finished starts
+        self.evaluations = 0  # evaluations of the finished starts
 
     def add(self, p: Progress) -> None:
         """Append a generation to the history."""

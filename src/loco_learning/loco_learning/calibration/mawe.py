@@ -95,7 +95,7 @@ def _errors(
 
 def _smallest(errors: np.ndarray, step: float) -> tuple[float, float]:
     shifts = np.arange(len(errors)) - len(errors) // 2
-    order = np.lexsort((np.abs(shifts), errors))  # of equal errors, the smallest shift
+    order = np.lexsort((np.abs(shifts), errors))  # smallest shift among equal errors
     return float(errors[order[0]]), float(shifts[order[0]] * step)
 
 

@@ -16,7 +16,7 @@ import numpy as np
 
 from loco_control.exceptions import ParameterError
 
-CUTOFF = 0.03  # of the low-pass filter, share of half the sampling rate
+CUTOFF = 0.03  # low-pass filter, as a share of half the sampling rate
 POINTS = 200  # samples on the phase axis of one period
 FLAT = 1e-9  # range of a reference [its unit] below which it is constant
 SPREAD = 0.2  # largest relative difference of a period from the median period

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 COLUMNS = 3  # frames side by side
-WIDTH, HEIGHT = 4.2, 3.2  # of a frame [in]; a single frame is larger
+WIDTH, HEIGHT = 4.2, 3.2  # size of a frame [in]; a single frame is larger
 MOST_NAMES = 6  # labels on a long horizontal axis
 STYLE = {"font.size": 8.5, "axes.spines.top": False, "axes.spines.right": False,
          "legend.frameon": False}  # fmt: skip

@@ -46,7 +46,7 @@ def _walking(rows: list[dict[str, Any]], population: int) -> np.ndarray:
     """Median speed of the successful rollouts of each complete generation, (generations,)."""
     complete = len(rows) // population * population
     speeds = [np.nan if row["reason"] else -row["value"] for row in rows[:complete]]
-    with warnings.catch_warnings():  # for generations without a successful rollout
+    with warnings.catch_warnings():  # generations may have no successful rollout
         warnings.simplefilter("ignore", RuntimeWarning)
         return np.nanmedian(np.reshape(speeds, (-1, population)), axis=1)
 

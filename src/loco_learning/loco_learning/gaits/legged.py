@@ -20,7 +20,7 @@ from ..runs.rollout import rollout
 from .search import LEGGED, GaitProblem, GaitSearchParams
 
 OPEN_LOOP = "hyq_trot_open"  # the experiment whose gait is modified
-SHARES = {  # of the nominal gait for the robot's size
+SHARES = {  # factors on the nominal gait for the robot's size
     "speed": (0.0, 4.0),
     "frequency": (0.6, 1.6),
     "duty_factor": (0.7, 1.4),

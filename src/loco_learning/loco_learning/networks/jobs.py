@@ -82,8 +82,8 @@ class Job:
 
     name: str
     task: MsdTask
-    loop: LoopParams | None = None  # for a closed loop of the gait in `source`
-    noises: tuple[float, ...] = ()  # for a sweep of noise on the actuation of that gait
+    loop: LoopParams | None = None  # settings for a closed loop of the gait in `source`
+    noises: tuple[float, ...] = ()  # levels for a sweep of actuation noise of that gait
     source: str = ""
 
     @property

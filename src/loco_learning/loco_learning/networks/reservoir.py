@@ -191,7 +191,7 @@ class LoopLog:
     """Log of a run in three phases, at every n-th tick."""
 
     t: np.ndarray  # [s], (T,)
-    distance: np.ndarray  # of the centre of mass along x [m], (T,)
+    distance: np.ndarray  # path of the centre of mass along x [m], (T,)
     said: np.ndarray  # output of the readout, as factors of the rest lengths, (T, links)
     target: np.ndarray  # (T, links)
     sensed: np.ndarray  # u_k without earlier samples, (T, channels)

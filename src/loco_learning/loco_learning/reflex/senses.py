@@ -27,7 +27,7 @@ class FootForces:
     Source: thesis section 7.2.2, eq. (7.1) and (7.2).
     """
 
-    KIND = "weights"  # of file in `archive.FORMATS`
+    KIND = "weights"  # key in `archive.FORMATS`
     PARAMS = LearnerParams
     # Parameters that must agree to reuse weights:
     SHAPING = ("memory", "neurons", "activation", "scaling", "window", "bias_input")

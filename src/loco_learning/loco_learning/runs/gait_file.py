@@ -35,14 +35,14 @@ class Gait:
 
     name: str
     robot: str  # name, or path of a model.yaml
-    target: CpgParams | GaitParams  # of oscillators, or of a foot trajectory generator
+    target: CpgParams | GaitParams  # oscillators, or a foot trajectory generator
     parameters: dict[str, float]  # searched parameters
     speed: float  # forward, mean over the rollout [m/s]
     distance: float  # forward [m]
-    duration: float  # of the rollout [s]
-    seed: int  # of the search
+    duration: float  # duration of the rollout [s]
+    seed: int  # seed of the search
     evaluations: int  # number of rollouts of the search
-    overrides: dict[str, Any] = field(default_factory=dict)  # of the robot
+    overrides: dict[str, Any] = field(default_factory=dict)  # values of robot.yaml
     randomise: float = 0.0  # standard deviation of the bodies in the search, relative
     samples: int = 1  # number of bodies in the search
     check: dict[str, float] = field(default_factory=dict)  # results on other bodies

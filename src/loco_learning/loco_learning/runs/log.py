@@ -34,8 +34,8 @@ class Column(NamedTuple):
     """Origin of a column: a field of one of the messages of a tick."""
 
     part: str  # message, a key of `PARTS`
-    field: str  # of the class in `loco_control.types`
-    shape: tuple[Any, ...]  # of a row; n joints, m driven joints, f feet, k outputs
+    field: str  # field of the class in `loco_control.types`
+    shape: tuple[Any, ...]  # shape of a row; n joints, m driven joints, f feet, k outputs
     kind: type = float
 
 
@@ -43,7 +43,7 @@ COLUMNS = {
     "t": Column("state", "t", ()),  # simulated time [s]
     "q": Column("state", "q", ("n",)),  # readings of the joint sensors [rad]
     "dq": Column("state", "dq", ("n",)),  # [rad/s]
-    "tau": Column("state", "tau", ("n",)),  # of the drives, mean over the last period [N·m]
+    "tau": Column("state", "tau", ("n",)),  # torque of drives, mean over the last period [N·m]
     "grf": Column("state", "grf", ("f", 3)),  # ground reaction forces, world frame [N]
     "contact": Column("state", "contact", ("f",), bool),  # the foot touches the ground
     "imu_orientation": Column("state", "orientation", (4,)),  # reading of the IMU, x y z w
@@ -71,7 +71,7 @@ WALKING = {  # further columns of a robot with legs: gait, stance and trunk
     "weight_norm": Column("learning", "weight_norm", ()),  # Frobenius norm of the readout
     "driving": Column("learning", "driving", (), bool),  # the prediction is commanded
     "learning": Column("learning", "learning", (), bool),  # the readout was updated
-    "foot_height": Column("stance", "foot_height", ("f",)),  # of the commanded foot [m]
+    "foot_height": Column("stance", "foot_height", ("f",)),  # height of the commanded foot [m]
     "stance": Column("stance", "stance", ("f",), bool),  # the leg carries the trunk
     "estimator": Column("stance", "estimator", (), np.int64),  # index in `ESTIMATORS`
     "trunk_tau": Column("trunk", "tau", ("n",)),  # feed-forward torque [N·m]
@@ -91,7 +91,7 @@ class Log:
     experiment: Experiment
     seed: int = 0
     fall: str = ""  # reason of a fall, or of a diverged simulation; empty if neither
-    wall_time: float = float("nan")  # of the whole run [s]
+    wall_time: float = float("nan")  # duration of the whole run [s]
 
     def __getattr__(self, name: str) -> np.ndarray:
         columns = self.__dict__.get("columns", {})

@@ -40,7 +40,7 @@ class Problem(Protocol):
     only resumed if the descriptions are equal.
     """
 
-    names: tuple[str, ...]  # of the parameters
+    names: tuple[str, ...]  # names of the parameters
     low: np.ndarray  # bounds in the units of each parameter, (d,)
     high: np.ndarray  # (d,)
     start: np.ndarray  # initial point of the search, (d,)
@@ -77,10 +77,10 @@ class Progress:
     evaluations: int
     budget: int
     best: float
-    median: float  # of the generation
+    median: float  # median value of the generation
     sigma: float  # step size in the unit box [-]
-    failures: int  # of the generation
-    reason: str  # of one of them
+    failures: int  # number of failures in the generation
+    reason: str  # reason of one failure
     rate: float  # evaluations per second since the start; nan during replay
     eta: float  # time until the budget is spent [s]; nan while unknown
     x: np.ndarray = field(repr=False)  # best point so far, (d,)
@@ -199,7 +199,7 @@ class _Loop:
             self.jobs = pool.start(score, (self.problem, o.failure), o.workers, o.scheduler)
             self._started = time.perf_counter()
         for index, result in self.jobs.outcomes(missing) if self.jobs else ():
-            lost = isinstance(result, pool.Failure)  # its process died twice
+            lost = isinstance(result, pool.Failure)  # the process died twice
             yield index, Score(o.failure, result.reason) if lost else result
 
     def _reason(self, generation: int, converged: str) -> str:

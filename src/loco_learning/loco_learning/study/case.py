@@ -80,7 +80,7 @@ class CaseResult:
     seed: int
     experiment: dict[str, Any]
     verdict: dict[str, Any]
-    metrics: dict[str, dict[str, float]]  # by phase and name
+    metrics: dict[str, dict[str, float]]  # values by phase and name
     at: dict[str, Any] = field(default_factory=dict)  # position in a grid: value by axis
     key: str = ""  # digest of all inputs of the run
     seconds: float = float("nan")  # processor time without compilation [s]; not saved

@@ -28,8 +28,8 @@ class Verdict:
     amplitude: float = float("nan")  # smallest stride amplitude over the target's [-]
     slip: float = float("nan")  # largest absolute lag [stride]
     lag: float = float("nan")  # lag at the end, positive behind [stride]
-    frequency: float = float("nan")  # of the prediction in the last 10 s [Hz]
-    target_frequency: float = float("nan")  # of the target in the last 10 s [Hz]
+    frequency: float = float("nan")  # frequency of the prediction in the last 10 s [Hz]
+    target_frequency: float = float("nan")  # frequency of the target in the last 10 s [Hz]
 
     def as_dict(self) -> dict[str, Any]:
         """Plain values."""

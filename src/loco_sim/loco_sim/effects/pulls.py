@@ -20,9 +20,9 @@ class Pull(NamedTuple):
     link: str  # link that it acts on
     point: Sequence[float]  # point of application, link frame [m]
     force: Sequence[float] = (0.0, 0.0, 0.0)  # world frame [N]
-    anchor: Sequence[float] = (0.0, 0.0, 0.0)  # of the cable, world frame [m]
-    stiffness: float = 0.0  # of the cable [N/m]
-    length: float = 0.0  # of the cable when it becomes taut [m]
+    anchor: Sequence[float] = (0.0, 0.0, 0.0)  # fixed end of the cable, world frame [m]
+    stiffness: float = 0.0  # stiffness of the cable [N/m]
+    length: float = 0.0  # length at which the cable becomes taut [m]
 
 
 class Pulls(NamedTuple):

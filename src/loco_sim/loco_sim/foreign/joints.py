@@ -83,7 +83,7 @@ def _range(joint: ET.Element, notes: Notes) -> None:
         damping = [float(e.get("damping", 0.0)) for e in joint.findall("dynamics")]
     except ValueError:
         return
-    if max(damping, default=0.0) > LARGEST:  # with which some authors lock a joint
+    if max(damping, default=0.0) > LARGEST:  # some authors lock a joint in this way
         lock(joint, 0.0)
         notes.add("locked, as a damping that no drive overcomes holds them", name)
     elif ends and low == high != 0.0:

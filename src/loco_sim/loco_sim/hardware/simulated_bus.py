@@ -157,7 +157,7 @@ class SimulatedBus:
         Args:
             ended: Function called every few milliseconds.
         """
-        zero = time.monotonic() - self.time  # of the bus, on the wall clock [s]
+        zero = time.monotonic() - self.time  # wall time at bus time 0 [s]
         while not ended():
             behind = time.monotonic() - zero - self.time
             zero += max(0.0, behind - _LAG)

@@ -22,7 +22,7 @@ from .text import ZERO, Vector, link, shape, text
 
 ALONG_X: Vector = (0.0, pi / 2, 0.0)  # turns a cylinder's axis from z to x
 
-EFFORT, SPEED, DAMPING = 150.0, 12.0, 0.1  # of every joint [N·m], [rad/s], [N·m·s/rad]
+EFFORT, SPEED, DAMPING = 150.0, 12.0, 0.1  # limits and damping of joints [N·m, rad/s, N·m·s/rad]
 KNEE_RADIUS = 0.038  # [m]
 
 # Warm colours for left legs, cool ones for right legs, distinguishable for the colour-blind.

@@ -27,7 +27,7 @@ from . import collada
 
 log = logging.getLogger(__name__)
 
-MOST_BYTES = 64 * 2**20  # of a mesh file; the largest mesh of known robots has 12 MiB
+MOST_BYTES = 64 * 2**20  # limit of a mesh file; the largest known mesh has 12 MiB
 MOST_FACES = 500_000  # triangles; MuJoCo itself accepts 200,000 in an STL
 MOST_LINE = 2**20  # bytes of a line of an OBJ
 MOST_GROUPS = 1_000  # objects of one OBJ, each a convex hull in PyBullet

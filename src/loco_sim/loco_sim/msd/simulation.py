@@ -181,7 +181,7 @@ class MsdSimulation:
         if every and steps % every:
             raise ParameterError(f"steps must be a multiple of every, got {steps} and {every}")
         frames = steps // every if every else 0
-        rows = self._state.shape[-2] // 2  # of position, velocity and acceleration
+        rows = self._state.shape[-2] // 2  # rows of position, velocity and acceleration each
         states = np.zeros((*self._state.shape[:-2], frames * rows, self._state.shape[-1]))
         self._advance(steps, every, states)
         if not every:

@@ -74,7 +74,7 @@ def choose(
     """
     tau = np.abs(body.weight_torque(q, [] if bolted else bodies, feet))
     inertia = body.inertia(q, bolted)
-    held = np.diag(inertia).copy()  # with all other joints locked
+    held = np.diag(inertia).copy()  # inertia with all other joints locked
     if not bolted:
         held = np.maximum(held, _carried(body, q, feet, bodies))
     tau = np.where(body.slides, np.maximum(tau, GRAVITY * np.diag(inertia)), tau)  # as if vertical

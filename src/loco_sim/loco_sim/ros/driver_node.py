@@ -40,7 +40,7 @@ class DriverNode(JointPlantNode):
             raise ParameterError(
                 f"hardware has the clock realtime, got {self.tick.clock}; take --clock realtime"
             )
-        self.tick = self.tick.replace(catch_up=1)  # missed ticks cannot be made up
+        self.tick = self.tick.replace(catch_up=1)  # missed ticks cannot be executed later
         overrides = json.loads(self.declare_parameter("overrides", "{}").value)
         base = models.load_any(self.declare_parameter("robot", "servo_pendulum").value)
         robot = models.Model(base.robot, {**base.overrides, **overrides}, []).make_robot()

@@ -83,7 +83,7 @@ class PlantNode(LocoNode):
         self._nudges: Any = None  # timer, while a controller restarts
         self._reported = (0, 0, 0)  # ticks, late ticks, refused commands at the last report
         self._late, self._published, self._began = 0, -1, time.perf_counter()
-        self._deadlines: Deadlines | None = None  # of clock realtime, once it has begun
+        self._deadlines: Deadlines | None = None  # used by clock realtime
         self._silent = False
         self._looked_at, self._beside = -1, -math.inf  # tick of last check; last other writer [s]
         self._unreadable = -1, ""  # tick and error of an unreadable command

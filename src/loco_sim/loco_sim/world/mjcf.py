@@ -108,7 +108,7 @@ class _Writer:
     def __init__(self, spec: mujoco.MjSpec, model: mujoco.MjModel, folder: Path, note: Note):
         self._spec, self._model, self._folder, self._note = spec, model, folder, note
         self._root = ET.Element("robot", name=spec.modelname or "robot")
-        self._rotors, self._frames = Rotors(), {0: Pose()}  # of bodies relative to their links
+        self._rotors, self._frames = Rotors(), {0: Pose()}  # poses of bodies in their links
         self._limits = self._efforts()
 
     def written(self) -> tuple[ET.Element, Rotors]:

@@ -238,7 +238,7 @@ class World(world.World):
             drive = np.where(free, target, saturated)
             self._apply((tau + drive - slope * before).tolist())
             m.dof_armature[at] = armature + self.dt * slope
-            m.dof_M0[at] = diagonal + self.dt * slope  # for joints with constant inertia
+            m.dof_M0[at] = diagonal + self.dt * slope  # used for joints with constant inertia
             mujoco.mj_forward(m, data)
             torque = target - gain * (before + self.dt * data.qacc[at])
             over = free & (np.abs(torque) > limit)

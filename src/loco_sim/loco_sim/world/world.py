@@ -47,9 +47,9 @@ def make_world(robot: Robot, params: SimParams, dt: float) -> World:
 class Base(NamedTuple):
     """State of the root link's frame, in the world."""
 
-    position: Triple  # of the frame's origin [m]
+    position: Triple  # origin of the frame [m]
     orientation: tuple[float, float, float, float]  # x y z w
-    velocity: Triple  # of the frame's origin [m/s]
+    velocity: Triple  # velocity of the origin [m/s]
     angular_velocity: Triple  # [rad/s]
 
 

@@ -30,7 +30,7 @@ _new_robot = lazy.module("loco_bringup.robot.terminal")
 _KNOWN = ("fixed_base", "height")  # keys of an experiment about how the robot was held
 # Drafts of a robot and of a mapping in a folder of results.
 DRAFTS = ROBOT, MAPPING = "drafts/robot/robot.yaml", f"drafts/{mapping.FILE}"
-FORMATS = (".urdf", ".xacro", ".xml")  # of descriptions of a robot without drives
+FORMATS = (".urdf", ".xacro", ".xml")  # descriptions of a robot without drives
 
 
 def drafted(

@@ -48,8 +48,8 @@ class MsdLog:
     position: np.ndarray  # node positions [m], (T, nodes, axes)
     acceleration: np.ndarray  # [m/s²]
     command: np.ndarray  # commanded over rest lengths, (T, links)
-    prediction: np.ndarray  # of the readout
-    target: np.ndarray  # of the open loop
+    prediction: np.ndarray  # output of the readout
+    target: np.ndarray  # output of the open loop
 
     @property
     def dt(self) -> float:

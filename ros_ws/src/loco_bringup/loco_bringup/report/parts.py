@@ -24,7 +24,7 @@ from ..page.html import Part, number, part
 from ..page.style import Chapter
 
 FPS = 14.0
-SIZE = (400, 268)  # of animations [pixel]
+SIZE = (400, 268)  # size of animations [pixel]
 
 
 def drawn(chapters: Iterable[Chapter], log: Any) -> list[Part]:

@@ -54,7 +54,7 @@ def _rows() -> tuple[Topic, ...]:
 
 
 JOINT_TOPICS = {topic.name: topic for topic in _rows()}
-TABLES = {  # by node set
+TABLES = {  # topics by node set
     "hyq": TOPICS,
     "joint": JOINT_TOPICS,
     "calibration": CALIBRATION_TOPICS,

@@ -13,7 +13,7 @@ from loco_control.exceptions import ParameterError
 from ..recordings import units
 from . import words
 
-RATES = (5.0, 5e3)  # of logs [Hz]; a unit of time that gives another rate is rejected (taste)
+RATES = (5.0, 5e3)  # plausible rates of logs [Hz]; other units of time are rejected (taste)
 MOVED = "; nothing else is a command, so this is taken as what moved the joint"
 TURNING = 7.0  # [rad], just above one turn; larger angles are taken as degrees (taste)
 

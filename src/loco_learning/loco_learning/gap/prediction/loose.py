@@ -38,9 +38,9 @@ CLOCK = 5e-5
 class Products(NamedTuple):
     """Sums over time of a residual, for each channel."""
 
-    square: np.ndarray  # of its squares, at all times, (C,)
-    moment: np.ndarray  # with the sensitivity to each value and start, in used rows, (C, K)
-    every: np.ndarray  # as `moment`, at all times, (C, K)
+    square: np.ndarray  # sum of its squares at all times, (C,)
+    moment: np.ndarray  # products with the sensitivities to values and starts, in used rows, (C, K)
+    every: np.ndarray  # same as `moment`, at all times, (C, K)
 
 
 @dataclass(frozen=True)

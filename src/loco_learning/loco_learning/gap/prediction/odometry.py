@@ -56,8 +56,8 @@ class Legs(NamedTuple):
 class Carried(NamedTuple):
     """Motion of a base over flat ground, in the frame of its first sample."""
 
-    velocity: np.ndarray  # of the origin in the world [m/s], (T, 3)
-    height: np.ndarray  # of the origin over the ground [m], (T,)
+    velocity: np.ndarray  # velocity of the origin in the world [m/s], (T, 3)
+    height: np.ndarray  # height of the origin over the ground [m], (T,)
     apart: tuple[float, float]  # typical deviation of velocity [m/s] and height [m]
 
 
@@ -162,7 +162,7 @@ def joined(
             holds, 1.0 / np.maximum(np.abs(said - value[:, None]) / (2.0 * usual), 1.0), 0.0
         )
     usual = np.median(trust[trust > 0.0])
-    return value, float((4.0 * usual / way**2 + usual**2) ** -0.25)  # of an infinitely long band
+    return value, float((4.0 * usual / way**2 + usual**2) ** -0.25)  # infinitely long band
 
 
 def touching(

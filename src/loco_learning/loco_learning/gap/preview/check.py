@@ -306,7 +306,7 @@ def _search(
     total = sum(r.duration for r in records)
     longest = max(r.duration for r in records)
     part = min(total, max(params.screen_seconds, longest))
-    phases = 7.0 if forward.robot().encoder_step > 0.0 else 0.0  # of limit cycles
+    phases = 7.0 if forward.robot().encoder_step > 0.0 else 0.0  # number of phases of limit cycles
     ready = (7.0 * fine + 1.0 + phases) * total
     screening = count * SIZES * part
     coarse = 2 * params.keep * (params.rough + 4) * part * fine

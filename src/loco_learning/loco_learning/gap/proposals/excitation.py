@@ -27,7 +27,7 @@ from ...runs import gait_file
 from ...runs.experiment import Experiment
 
 ROOM_SHARE, SPEED_SHARE, TORQUE_SHARE = 0.8, 0.4, 0.2
-MOST_ROOM = 0.6  # of a joint without close stops [rad or m]
+MOST_ROOM = 0.6  # limit for a joint without close stops [rad or m]
 FASTEST = 8.0  # end frequency of a chirp [Hz]
 HANG = 1.0  # height of the base of a robot that hangs in the air [m]
 DROP = 0.05  # drop height [m]

@@ -119,6 +119,6 @@ def _powers(
             both = [c / floor[:, None] for c in (columns[i], columns[j]) if c is not None]
             free = np.concatenate(both, axis=2) if both else None
             gain = expected(values[i], values[j], free, tau)
-            deviation = math.sqrt(2.0 * gain)  # of a likelihood ratio under normal noise
+            deviation = math.sqrt(2.0 * gain)  # standard deviation of the log likelihood ratio
             power[i, j] = math.log(evidence.odds(gain, deviation)) + prior[i] - prior[j]
     return power

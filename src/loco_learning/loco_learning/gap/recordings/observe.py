@@ -86,7 +86,7 @@ def stamps(tracks: Sequence[Track]) -> dict[str, dict[str, float]]:
             continue
         usual = float(np.median(step))
         count = np.maximum(np.round(step / usual), 1.0)
-        jitter = np.median(np.abs(step - usual * count)) * DEVIATION / np.sqrt(2.0)  # of two stamps
+        jitter = np.median(np.abs(step - usual * count)) * DEVIATION / np.sqrt(2.0)  # two stamps
         one = {"rate": 1.0 / usual, "jitter_ms": 1e3 * float(jitter),
                "missing": float(np.sum(count - 1.0)), "silence": float(step.max())}  # fmt: skip
         current = by_role.setdefault(track.role, one)

@@ -19,7 +19,7 @@ import numpy as np
 
 ORDERS = (2, 3, 4, 5, 6)
 FEWEST = 8  # smallest number of differences of an order
-SEED = 7_290_418_553  # of dither; small seeds draw simulated noise, which dither must not repeat
+SEED = 7_290_418_553  # seed of dither; simulated noise has small seeds, so both are independent
 DITHERS = 16  # draws of dither on each record: a single one doubles the spread of the estimate
 TO_DEVIATION = 1.4826  # standard deviation of a normal law over its median absolute value
 RELATIVE = 1e-4  # smallest floor, over the channel's own standard deviation

@@ -13,7 +13,7 @@ import math
 from collections.abc import Callable
 
 FLAT = 0.5  # share of the predicted cost at which the predicted end of an interval holds (taste)
-FURTHER = 2.0  # factor of each step beyond (taste)
+FURTHER = 2.0  # factor between further steps (taste)
 STEPS = 5  # largest number of steps
 TOWARDS = (0.5, 0.25, 0.1, 0.03)  # tried shares of a strength between its value and 0
 

@@ -485,7 +485,7 @@ def _idle(hypothesis: Hypothesis, estimates: Sequence[Estimate]) -> set[str]:
         c.of
         for c, e in pairs
         if c.strength
-        and not (c.one_sided and e.value == e.absent)  # at its bound, 0
+        and not (c.one_sided and e.value == e.absent)  # the size is at its bound of 0
         and not little(e, largest[c.name])
     }
     return set(hypothesis.joints) - significant

@@ -40,8 +40,8 @@ def replay(p: ArgumentParser) -> None:
     """Options of `loco replay`.
 
     Keys in a terminal: space pauses, s steps, + and - change the speed, q ends.
-    With --verify the plant's topics go tick by tick to live controllers, and what
-    they answer is compared with the bag, byte for byte.
+    With --verify the recorded sensor values are sent to running controllers tick by
+    tick, and the output of the controllers is compared with the bag, byte for byte.
     """
     _bag(p)
     option(p, "--speed", 1.0, "x real time, 0 as fast as possible")
@@ -101,7 +101,7 @@ def view(p: ArgumentParser) -> None:
 def recover(p: ArgumentParser) -> None:
     """Options of `loco recover`.
 
-    Copies every whole chunk, says what is lost. The new folder appears when it is complete.
+    Copies every complete chunk and lists what is lost. The new folder appears when it is complete.
     """
     _bag(p)
     option(p, "--out", Path, "new bag folder (default BAG_recovered)")
@@ -111,7 +111,7 @@ def recover(p: ArgumentParser) -> None:
 def export(p: ArgumentParser) -> None:
     """Options of `loco export`.
 
-    A file per topic: columns for messages of constant layout, JSON lines for the others.
+    Writes one file per topic: columns for messages of constant layout, JSON lines for the others.
     """
     _bag(p)
     option(p, "--out", Path, "folder (default BAG/export)")

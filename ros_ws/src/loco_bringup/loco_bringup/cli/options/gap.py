@@ -26,17 +26,17 @@ def search(p: ArgumentParser) -> None:
     """Options of `loco gap BAG...`.
 
       loco gap BAG... --robot R     search; writes gap.html, gap.json and model.yaml
-      loco gap my.csv --robot my.urdf   the same; what it guesses about both it writes and says
+      loco gap my.csv --robot my.urdf   the same; guesses on log and robot are listed and written
       loco gap DIR --add BAG...     search again with more recordings
-      loco gap --live --robot R     the same with two robots that run, over topics
-      loco gap check BAG... --robot R   before a search: what these recordings can tell
+      loco gap --live --robot R     the same for two running robots, over topics
+      loco gap check BAG... --robot R   before a search: what these recordings can identify
       loco gap mapping FILE         draft the mapping of a table or bag, with reasons
-      loco gap next DIR             write the experiment that would tell most as a file
-      loco gap experiments ROBOT    write experiments that excite a robot, as files
+      loco gap next DIR             write the most informative next experiment to a file
+      loco gap experiments ROBOT    write experiments that excite a robot to files
       loco gap battery              many hidden effects: how often the name is right
 
-    Verdicts: named, ambiguous, unknown, no gap; set-up, where units, signs or names have to be
-    mended first.
+    Verdicts: named, ambiguous, unknown, no gap, or set-up: units, signs or names must be corrected
+    first.
     """
     engine(p)
     p.add_argument("bags", nargs="*", metavar="BAG", help="bag folder, .mcap, CSV or JSON file; or "
@@ -65,10 +65,10 @@ def search(p: ArgumentParser) -> None:
 def check(p: ArgumentParser) -> None:
     """Options of `loco gap check`.
 
-    Half a minute instead of a search: the set-up (units, signs, names of joints, scales, gravity,
-    masses, gains, each with the line that mends it), telemetry, timing, which effects would show in
-    these recordings at which joint and from which size on, what is missing, and how long a search
-    takes. Exit code 2 where a recording is refused.
+    Takes half a minute. Checks the set-up (units, signs, names of joints, scales, gravity, masses,
+    gains), and prints a correction for each mistake. Lists telemetry, timing, the visible effects
+    with joint and smallest visible size, what is missing, and the time of a search. Exit code 2:
+    a recording cannot be used.
     """
     engine(p)
     p.add_argument("bags", nargs="+", metavar="BAG", help="bag folder, .mcap, CSV or JSON file")
@@ -86,8 +86,8 @@ def check(p: ArgumentParser) -> None:
 def draft(p: ArgumentParser) -> None:
     """Options of `loco gap mapping`.
 
-    Roles, joints and units are guessed from names and values; each line says why. Look at all of
-    them: a guess is no measurement.
+    Roles, joints and units are guessed from names and values; each line has its reason. Check all
+    lines.
     """
     p.add_argument("file", metavar="FILE", help="CSV, JSON or other table, a folder of them, or a "
                    "bag")  # fmt: skip
@@ -117,9 +117,9 @@ def experiments(p: ArgumentParser) -> None:
 def export_model(p: ArgumentParser) -> None:
     """Options of `loco export-model`.
 
-    Armature, damping, friction, delays, gains, masses and contact, as far as the target knows them;
-    what it does not is listed. From results of `loco gap` come ranges to randomise in, too, and the
-    recordings that were held out are replayed in MuJoCo alone.
+    Exports armature, damping, friction, delays, gains, masses and contact. Properties that the
+    target cannot represent are listed. Results of `loco gap` also give ranges for domain
+    randomisation, and their held-out recordings are replayed in MuJoCo alone.
     """
     p.add_argument("model", type=Path, help="robot, model.yaml, or folder of results of loco gap")
     p.add_argument("--to", required=True, choices=("mjcf", "urdf", "isaac", "pace", "ros2_control"))
@@ -139,8 +139,8 @@ def export_model(p: ArgumentParser) -> None:
 def calibrate(p: ArgumentParser) -> None:
     """Options of `loco calibrate`.
 
-    The bag holds joint_states and joint_command of a robot whose driven joints were
-    moved periodically. Writes model.yaml, calibration.json, tables, figures and a page.
+    The bag must have joint_states and joint_command of a robot whose driven joints moved
+    periodically. Writes model.yaml, calibration.json, tables, figures and a page.
     """
     engine(p)
     p.add_argument("bag", type=Path, nargs="?", help="bag folder or .mcap file")

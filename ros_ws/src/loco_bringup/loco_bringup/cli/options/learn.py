@@ -17,7 +17,7 @@ command = group("Learn from many runs")
 def study(p: ArgumentParser) -> None:
     """Options of `loco study`.
 
-    A study file names variants of experiments, seeds, metrics and figures; with axes it is a grid:
+    A study file lists variants of experiments, seeds, metrics and figures; with axes it is a grid:
 
       variants: {open: {experiment: hyq_trot_open}}
       axes:
@@ -25,8 +25,8 @@ def study(p: ArgumentParser) -> None:
         kp: {logspace: [1, 3, 20], unit: N·m/rad, sets: [overrides.drives.*_kfe_joint.kp]}
       map: {legal: {speed_ratio: [0.7, 1.3]}}           two axes or more: maps in study.html
 
-    Stop it and start it again: it goes on. The cost of the rest is told after three cases.
-    cases.npz holds the columns of cases.csv for NumPy. Seeds repeat only what is random.
+    A stopped study continues with the same command. After three cases the remaining time is shown.
+    cases.npz has the columns of cases.csv for NumPy. Variants without randomness run for one seed.
     """
     engine(p)
     p.add_argument("study", help="name (see `loco list studies`) or path of a YAML file")
@@ -42,9 +42,9 @@ def study(p: ArgumentParser) -> None:
 def optimise(p: ArgumentParser) -> None:
     """Options of `loco optimise`.
 
-    The oscillators' amplitudes, duty factors, offsets and phase for the highest forward
-    speed over a rollout; a fall is worse than standing. Stop it and start it again with
-    the same arguments: it goes on to the same end.
+    Searches amplitudes, duty factors, offsets and phase of the oscillators for the highest
+    forward speed in a rollout; a fall is worse than standing. A stopped search continues
+    with the same command, to the same result.
     """
     engine(p)
     p.add_argument("gait", help="tigrillo_bound, tigrillo_walk, hyq_trot or hyq_walk")
@@ -72,10 +72,9 @@ def optimise(p: ArgumentParser) -> None:
 def reinforce(p: ArgumentParser) -> None:
     """Options of `loco reinforce`.
 
-    The third learning step: the readout that FORCE taught is perturbed, episode by episode, and
-    moved to what is paid better: speed, less power, no fall. Writes weights.npz, reinforced.yaml,
-    which `loco run` plays, and a page. Stop it and start it again with the same arguments: it goes
-    on to the same end.
+    The third learning step: the readout trained by FORCE is perturbed in each episode, and changed
+    towards a higher reward for speed, low power and no fall. Writes weights.npz, reinforced.yaml
+    for `loco run`, and a page. A stopped run continues with the same command, to the same result.
     """
     _episodes(p)
     option(p, "--batch", 12, "perturbed episodes per update")
@@ -90,7 +89,7 @@ def reinforce(p: ArgumentParser) -> None:
 def reinforce_ppo(p: ArgumentParser) -> None:
     """Options of `loco reinforce ppo`.
 
-    Needs `./loco install ppo`: stable-baselines3, and PyTorch with it.
+    Needs `./loco install ppo` (stable-baselines3 and PyTorch).
     """
     _episodes(p)
 
@@ -130,8 +129,8 @@ def reproduce(p: ArgumentParser) -> None:
     """Options of `loco reproduce`.
 
     tigrillo: chapter 5; msd: chapter 6; hyq: chapters 7 and 9; clock: chapter 8; all: every claim.
-    The rules stand in loco_learning/thesis/claims.yaml, what each plan runs in plans.yaml beside
-    it. Stop it and start it again: it goes on.
+    The rules are in loco_learning/thesis/claims.yaml, the runs of each plan in plans.yaml in the
+    same folder. A stopped plan continues with the same command.
     """
     p.add_argument("what", choices=("tigrillo", "msd", "hyq", "clock", "all"))
     option(p, "--quick", False, "the plan quick: a few minutes")

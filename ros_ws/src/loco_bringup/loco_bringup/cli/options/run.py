@@ -60,12 +60,12 @@ def run(p: ArgumentParser) -> None:
     Layouts: composed puts all nodes in one process, processes gives each its own,
     rollout calls the same objects without ROS and writes the same topics to a bag.
 
-    Faults stand between the writer and the readers of a topic; any number, also on one topic:
+    A fault damages the messages between writer and readers of a topic. Several are possible:
       --fault motion_command:drop:probability=0.1          every tenth command is lost
       --fault robot_state:delay:messages=3:start=2:stop=4  three ticks late, from 2 s to 4 s
     kinds: drop, delay (messages), duplicate (times), reorder (messages), nan, freeze,
            clock_jump (offset [s]), stuck; all have start and stop [s], probability and seed.
-    Topics are those of docs/topics.md; docs/faults.md says what the robot does then.
+    docs/topics.md lists the topics, docs/faults.md the reactions of the robot.
     """
     p.add_argument("experiment", help="name (see `loco list`) or path of a YAML file")
     p.add_argument("--layout", default="composed", choices=("composed", "processes", "rollout"),
@@ -108,21 +108,21 @@ def robot_new(p: ArgumentParser) -> None:
     """Options of `loco robot new`.
 
     The folder holds
-      NAME.urdf        the URDF with small faults mended; meshes stay where they are
-      robot.yaml       joints, feet, posture, gains, contacts; what is guessed is marked
+      NAME.urdf        the URDF with small faults corrected; meshes are not copied
+      robot.yaml       joints, feet, posture, gains, contacts; guesses are marked
       experiment.yaml  the robot stands for 5 s, or swings for 10 s if its base is bolted
-      picture.png      how it stands
+      picture.png      the robot in its posture
 
-    Read from URDF, xacro or MJCF: joints, limits, masses, shapes. Guessed: what it stands on and
-    which way is up, a posture with level feet and the mass over them, gains that carry the weight
-    and are stable at the physics step, limits that are missing or 0, legs for the gait generator.
+    Read from URDF, xacro or MJCF: joints, limits, masses, shapes. Guessed: feet or wheels, the
+    upward direction, a posture with level feet below the centre of mass, gains that carry the
+    weight and are stable at the physics step, limits that are missing or 0, legs for the gait.
     The robot is tried in the engine; nothing is written unless it stands for 5 s or swings for 2 s.
 
       loco robot new go1.urdf --out go1
       loco run go1/experiment.yaml
       loco gap experiments go1      experiments that excite it, to compare with recordings
 
-    docs/robot_yaml.md says what each line of robot.yaml means.
+    docs/robot_yaml.md explains each key of robot.yaml.
     """
     p.add_argument("urdf", type=Path, help="URDF, xacro or MJCF, as in a ROS package or a download")
     option(p, "--out", Path, "new folder (default: the name of the file)", "DIR")
@@ -140,7 +140,7 @@ def list_(p: ArgumentParser) -> None:
 def schema(p: ArgumentParser) -> None:
     """Options of `loco schema`.
 
-    The first line of a file tells the editor: # yaml-language-server: $schema=schemas/robot.json
+    First line of a YAML file, for the editor: # yaml-language-server: $schema=schemas/robot.json
       loco schema experiment > experiment.json
       loco schema --out schemas
     """
@@ -195,7 +195,7 @@ def hardware_simulate(p: ArgumentParser) -> None:
 def estop(p: ArgumentParser) -> None:
     """Options of `loco estop`.
 
-    Stops every robot on the ROS domain, or that of a namespace.
+    Stops every robot on the ROS domain, or the robot of a namespace.
     """
     option(p, "--reset", False, "let them move again")
     option(p, "--keys", False, "stay: space stops, r resets, q quits")

@@ -17,7 +17,7 @@ command = group("Work on loco itself")
 def install(p: ArgumentParser) -> None:
     """Options of `loco install`.
 
-    In a clone `./loco install` takes the versions of its lock file.
+    In a clone `./loco install` installs the versions of its lock file.
     """
     p.add_argument("extra", nargs="+", help="view, rl, ppo, lerobot, cluster, dynamixel, battery, "
                    "docs, test or ros")  # fmt: skip
@@ -28,7 +28,7 @@ def install(p: ArgumentParser) -> None:
 def completion(p: ArgumentParser) -> None:
     """Options of `loco completion`.
 
-    Once, for one of the two:
+    Type one of these once, for bash or zsh:
       echo 'eval "$(loco completion bash)"' >> ~/.bashrc
       echo 'eval "$(loco completion zsh)"' >> ~/.zshrc
     """
@@ -54,7 +54,7 @@ def bench(p: ArgumentParser) -> None:
 def battery(p: ArgumentParser) -> None:
     """Options of `loco gap battery`.
 
-    Makes cases with a hidden effect, runs the workflow on their bags, scores it.
+    Makes cases with hidden effects, runs `loco gap` on their bags, and scores the answers.
     """
     option(p, "--cases", 20, "number of cases (default 20)")
     option(p, "--seed", 1, "seed of everything drawn (default 1); below 1000 for development")
@@ -88,8 +88,8 @@ def chaos(p: ArgumentParser) -> None:
 
     Signals: SIGSTOP and SIGKILL to each process of the HyQ graph, at random moments.
     Faults: every kind of `loco run --fault`, and pairs of them, on every topic.
-    docs/faults.md says what has to happen each time. Stop it and start it again: it goes on.
-      loco chaos --repeats 1 --only SIGKILL       a quick look at some of it
+    docs/faults.md has the required reactions. A stopped run continues with the same command.
+      loco chaos --repeats 1 --only SIGKILL       a short run
       loco chaos --only faults_motion_command
     """
     option(p, "--repeats", 20, "runs of each cell (default 20)")
@@ -103,10 +103,10 @@ def chaos(p: ArgumentParser) -> None:
 def crash(p: ArgumentParser) -> None:
     """Options of `loco crash`.
 
-    optimise, study, gap, gap battery, reproduce and calibrate, small: each is disturbed in its
-    work, in turn by SIGKILL, SIGINT, SIGSTOP and a second one in the same folder, or its disk gets
-    full; it goes on, and all files are compared byte by byte with those of a run that was left
-    alone. Exit code 1: something differs, is torn or left over.
+    Runs small cases of optimise, study, gap, gap battery, reproduce and calibrate. Each is
+    interrupted by SIGKILL, SIGINT, SIGSTOP, a second run in the same folder, or a full disk, and
+    continued. All files are compared byte by byte with those of an uninterrupted run. Exit code 1:
+    a file differs, is incomplete or left over.
       loco crash --kills 2 --disks 1 --only study
     """
     option(p, "--kills", 20, "disturbances of each command (default 20)")
@@ -121,9 +121,9 @@ def crash(p: ArgumentParser) -> None:
 def fuzz(p: ArgumentParser) -> None:
     """Options of `loco fuzz`.
 
-    A find is an input whose answer is not one error of ours: a traceback, an end of the
-    process, or none within 10 s of processor time. Each is kept as a file with what it did,
-    and damaged further by the next run with the same --out.
+    A find is an input that does not give one line of error: a traceback, a crash of the process, or
+    no answer within 10 s of processor time. Each is kept as a file with its result, and damaged
+    further by the next run with the same --out.
       loco fuzz --damage flip --inputs 10000
     """
     p.add_argument("target", nargs="?", default="all",
@@ -142,9 +142,9 @@ def fuzz(p: ArgumentParser) -> None:
 def mutants(p: ArgumentParser) -> None:
     """Options of `loco mutants`.
 
-    Each mutant is one small change (a comparison, a sign, a number, a call left out) in a
-    copy of the sources, on which the tests of that module run. Those that no test notices
-    are listed. Stop it and start it again: it goes on.
+    Each mutant is one small change (a comparison, a sign, a number, a removed call) in a
+    copy of the sources. The tests of that module run on it, and mutants that no test detects
+    are listed. A stopped run continues with the same command.
     """
     option(p, "--only", "", "modules whose path has it: safety", "TEXT")
     option(p, "--limit", 0, "mutants of each module, drawn at random (default all)", "N")
@@ -160,7 +160,7 @@ def mutants(p: ArgumentParser) -> None:
 def soak(p: ArgumentParser) -> None:
     """Options of `loco soak`.
 
-    Memory, descriptors, threads and /dev/shm of each process, once a second.
+    Measures memory, descriptors, threads and /dev/shm of each process, once a second.
     Only events and diagnostics are recorded, and the bag is removed at the end.
     """
     p.add_argument("experiment", nargs="?", default="hyq_trot_reflex", help="as in `loco run`")
