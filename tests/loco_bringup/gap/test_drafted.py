@@ -4,14 +4,18 @@
 from __future__ import annotations
 
 import json
+import re
 import shutil
+from pathlib import Path
 
 import numpy as np
+import pybullet_data
 import pytest
 
 from loco_bringup.cli import main as cli
 from loco_control.reading import read_yaml
 from loco_learning.gap import contents, workflow
+from loco_sim.bolted.loop import needs_engine
 from loco_sim.robot import robot as robots
 
 from .gap_result import curves, result
@@ -82,6 +86,33 @@ def test_a_log_without_commands_is_moved_by_its_torques(search, tmp_path):
     values = read_yaml(tmp_path / "out/drafts/robot/robot.yaml")
     assert values["drives"] == {"pivot": {"kind": "torque"}} and values["guessed"] == ["control_rate"]
     assert asked["fit"][0].command["torque"][:, 0] == pytest.approx(np.cos(3.0 * T), abs=1e-6)
+
+
+@pytest.mark.parametrize("word", ["torque", "cmd"])
+def test_joints_without_columns_are_locked_and_said(search, tmp_path, word):
+    """The log of an arm says nothing of its gripper."""
+    panda = Path(pybullet_data.getDataPath(), "franka_panda")
+    shutil.copytree(panda, tmp_path, dirs_exist_ok=True)
+    shutil.move("panda.urdf", "my.urdf")
+    waves = {f"panda_joint{i}": 0.3 * np.sin((1.0 + 0.3 * i) * T) for i in range(1, 8)}
+    pairs = {f"{joint}_{kind}": x for joint, x in waves.items() for kind in ("pos", word)}
+    table("my.csv", **pairs)
+    code, said, asked = search("my.csv")
+    assert code == 0, said
+    assert "locked" in said[said.index("robot.yaml is a draft") :]
+    robot = asked["model"].make_robot()
+    assert robot.joints == tuple(waves) and not needs_engine(robot)
+    values = read_yaml(tmp_path / "out/drafts/robot/robot.yaml")
+    assert set(values["locked"]) == {"panda_finger_joint1", "panda_finger_joint2"}
+
+    # Without that line the search says which line is missing, and goes on with it.
+    path = tmp_path / "out/drafts/robot/robot.yaml"
+    path.write_text(path.read_text().split("locked:")[0])
+    code, said, _ = search("my.csv")
+    hint = re.search(r"add to robot.yaml: (locked: \{panda_finger_joint1: 0\})", said)
+    assert code == 2 and hint
+    path.write_text(path.read_text() + hint[1].replace("}", ", panda_finger_joint2: 0}"))
+    assert search("my.csv")[0] == 0
 
 
 def test_what_is_no_table_of_names_is_one_line_and_writes_no_mapping(search, tmp_path):

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import re
+import xml.etree.ElementTree as ET
 
 import numpy as np
 import pytest
@@ -12,6 +13,7 @@ from loco_control.exceptions import ParameterError
 from loco_sim.bolted import tree
 from loco_sim.robot import robot
 from loco_sim.robot.description import Description
+from loco_sim.robot.frames import origin_of
 
 from ..trees import random_urdf
 
@@ -108,8 +110,8 @@ def test_angles_of_a_urdf_turn_about_fixed_axes_roll_first(rpy):
         made[b, a], made[a, b] = np.sin(angle), -np.sin(angle)
         return made
 
-    origin = {"xyz": "1 2 3", "rpy": " ".join(map(str, rpy))}
-    place, found = tree.pose(origin)
+    joint = ET.fromstring(f'<joint><origin xyz="1 2 3" rpy="{" ".join(map(str, rpy))}"/></joint>')
+    found, place = origin_of(joint)
     assert place.tolist() == [1.0, 2.0, 3.0]
     assert found == pytest.approx(turn(2, rpy[2]) @ turn(1, rpy[1]) @ turn(0, rpy[0]))
-    assert tree.pose(None)[1].tolist() == np.eye(3).tolist()
+    assert origin_of(ET.Element("joint"))[0].tolist() == np.eye(3).tolist()

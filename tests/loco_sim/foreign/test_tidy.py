@@ -6,9 +6,9 @@ import math
 import numpy as np
 import pytest
 
-from loco_sim.bolted.tree import pose
 from loco_sim.foreign.tidy import Tidied
 from loco_sim.foreign.weight import possible
+from loco_sim.robot.frames import origin_of
 from loco_sim.robot.urdf_check import TENSOR, inertia_fault
 
 BODY = (
@@ -132,12 +132,12 @@ def test_possible_tensors_keep_their_axes_and_largest_moment():
 def test_a_root_that_is_turned_leaves_everything_where_it_was(tmp_path, pitch):
     here = '<origin xyz="0.1 0.2 0.3" rpy="0.4 0 0.2"/>'
     made = tidied(tmp_path, f'<joint name="j" type="continuous">{here}{ENDS}</joint>')
-    before = pose(joints(made)["j"].find("origin"))
+    before = origin_of(joints(made)["j"])
     c, s = math.cos(pitch), math.sin(pitch)
     turn = np.array([[c, 0.0, s], [0.0, 1.0, 0.0], [-s, 0.0, c]])
-    offset, way = before
+    way, offset = before
     turn = turn @ way.T  # the joint then is pitched alone: straight up, where roll and yaw are one
     made.turn_root("base", turn)
-    after = pose(joints(made)["j"].find("origin"))
-    np.testing.assert_allclose(after[0], turn @ offset, atol=1e-9)
-    np.testing.assert_allclose(after[1], turn @ way, atol=1e-9)
+    after = origin_of(joints(made)["j"])
+    np.testing.assert_allclose(after[1], turn @ offset, atol=1e-9)
+    np.testing.assert_allclose(after[0], turn @ way, atol=1e-9)

@@ -7,11 +7,12 @@ import numpy as np
 import pytest
 import yaml
 
-from loco_control.exceptions import MissingFileError, NameUnknownError, ParameterError
+from loco_control.exceptions import LocoError, MissingFileError, NameUnknownError, ParameterError
 from loco_control.legs.kinematics import LegGeometry, foot_position, joint_limits
 from loco_control.names import FEET, JOINTS
+from loco_sim.bolted.loop import Bolted, needs_engine
 from loco_sim.make_urdf import hyq as hyq_urdf
-from loco_sim.robot import robot
+from loco_sim.robot import frames, robot
 from loco_sim.robot.description import Description
 
 ONE_JOINT = """<robot name="bench"><link name="world_link"/>
@@ -122,3 +123,48 @@ def test_names_that_do_not_exist_are_refused(folder, values, message):
 def test_values_that_do_not_fit_are_refused(folder, change):
     with pytest.raises(ParameterError):
         robot.load(folder(**change))
+
+
+FINGER = """<link name="tip"><inertial><mass value="0.2"/>
+<inertia ixx="0.01" iyy="0.01" izz="0.01" ixy="0" ixz="0" iyz="0"/></inertial></link>
+<joint name="wrist" type="{kind}"><parent link="arm"/><child link="tip"/>
+<origin xyz="0.1 0 0.2" rpy="0.3 0 0.5"/><axis xyz="0 0.6 0.8"/>
+<limit effort="3" velocity="9" lower="-1" upper="1"/></joint></robot>"""
+DRIVE = {"kind": "impedance", "kp": 10.0, "kd": 1.0}
+
+
+@pytest.mark.parametrize("kind", ["revolute", "prismatic"])
+@pytest.mark.parametrize("joints", [["elbow"], ["wrist", "elbow"]])
+def test_a_locked_joint_stays_where_it_is_as_a_part_of_its_link(folder, kind, joints):
+    urdf = ONE_JOINT.replace("</robot>", FINGER.format(kind=kind))
+    both = {"urdf": urdf, "joints": joints, "standing": [0.4] * len(joints),
+            "drives": {"*": DRIVE}, "height": 2.0}  # fmt: skip
+    free = robot.load(folder(**{**both, "joints": ["wrist", "elbow"], "standing": [0.4, 0.4]}))
+    fixed = robot.load(folder(**both, locked={"wrist": 0.7}))
+    assert (fixed.joints, list(fixed.drives), list(fixed.effort)) == (("elbow",), ["elbow"], [3.0])
+    assert fixed.standing == [0.4] and fixed.mass == free.mass
+    q = np.linspace(-1.0, 1.0, 5)[:, None]
+    moved = frames.link_frames(free, np.hstack([np.full_like(q, 0.7), q]))["tip"]
+    for got, wanted in zip(frames.link_frames(fixed, q)["tip"], moved, strict=True):
+        assert np.allclose(got, wanted, atol=1e-9)
+    assert not needs_engine(fixed)
+    whole = Bolted(free).inertia(np.array([0.7, 0.4]))
+    assert Bolted(fixed).inertia(np.array([0.4]))[0, 0] == pytest.approx(whole[1, 1], rel=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("locked", "message"),
+    [({"toe": 0.0}, "toe"), ({"elbow": "x"}, "position"), (["elbow"], "position")],
+)
+def test_what_cannot_be_locked_is_one_line(folder, locked, message):
+    with pytest.raises(LocoError, match=message):
+        robot.load(folder(locked=locked))
+
+
+def test_the_joint_of_a_leg_cannot_be_locked(tmp_path, hyq):
+    for file in hyq.folder.iterdir():
+        (tmp_path / file.name).write_bytes(file.read_bytes())
+    text = (tmp_path / "robot.yaml").read_text()
+    (tmp_path / "robot.yaml").write_text(f"{text}\nlocked: {{{JOINTS[0]}: 0.0}}\n")
+    with pytest.raises(ParameterError, match=f"{JOINTS[0]} is a joint of a leg"):
+        robot.load(tmp_path)

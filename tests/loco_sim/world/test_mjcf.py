@@ -7,9 +7,8 @@ import pytest
 import trimesh
 
 from loco_control.exceptions import ParameterError
-from loco_sim.bolted.tree import numbers, pose
 from loco_sim.foreign.tidy import Tidied
-from loco_sim.robot.frames import _frame
+from loco_sim.robot.frames import _frame, numbers, origin_of
 
 GEOM = '<geom type="capsule" fromto="0 0 0 0.1 0 -0.3" size="0.02"/>'
 ARM = f"""<mujoco model="arm"><compiler angle="radian"/><worldbody><geom type="plane" size="1 1 1"/>
@@ -51,7 +50,7 @@ def test_links_are_where_mujoco_has_them(tmp_path, seed):
     for name in ("upper", "fore", "tool", "wrist"):
         turn, origin = _frame(name, parent, q, 1, {})
         inertial = made.link(name).find("inertial")
-        com = origin[0] + turn[0] @ numbers(inertial.find("origin").get("xyz"))
+        com = origin[0] + turn[0] @ numbers(inertial.find("origin"), "xyz", "")
         np.testing.assert_allclose(com, data.body(name).xipos, atol=1e-8)
         assert float(inertial.find("mass").get("value")) == pytest.approx(model.body(name).mass[0])
 
@@ -138,8 +137,8 @@ def test_a_mesh_is_where_mujoco_has_it(tmp_path):
     mujoco.mju_quat2Mat(turn, model.geom_quat[geom])
     theirs = model.mesh_vert @ turn.reshape(3, 3).T + model.geom_pos[geom]
     shape = made.link("upper").find("collision")
-    at, way = pose(shape.find("origin"))
-    scale = numbers(shape.find("geometry/mesh").get("scale"))
+    way, at = origin_of(shape)
+    scale = numbers(shape.find("geometry/mesh"), "scale", "")
     ours = (solid.vertices * scale) @ way.T + at
     anchor = np.array([0.0, 0.02, 0.03])  # the link's frame is at its last joint
     np.testing.assert_allclose(ours.min(axis=0) + anchor, theirs.min(axis=0), atol=1e-6)

@@ -19,6 +19,8 @@ from loco_control.exceptions import ParameterError
 from ..mesh_files import mesh_path
 from ..meshes.read import mesh_points
 from ..robot.description import TENSOR, Description, add_point_mass
+from ..robot.frames import numbers, origin_of
+from ..robot.urdf_check import inertia_matrix
 
 SLIDES = "prismatic"
 MOVES = ("revolute", "continuous", SLIDES)
@@ -157,14 +159,13 @@ class _Walk:
         if carrier >= 0:
             self._add(self._links[link], carrier, place, turn)
         for joint in self._children.get(link, ()):
-            offset, rotation = pose(joint.find("origin"))
+            rotation, offset = origin_of(joint)
             at, facing = place + turn @ offset, turn @ rotation
             child = joint.find("child").get("link")
             if joint.get("type") not in MOVES:
                 self._visit(child, carrier, at, facing)
                 continue
-            axis = joint.find("axis")
-            along = numbers("1 0 0" if axis is None else axis.get("xyz"))
+            along = numbers(joint.find("axis"), "xyz", "1 0 0")
             slides, axis = joint.get("type") == SLIDES, along / np.linalg.norm(along)
             self._join(joint.get("name"), carrier, slides, (at, facing), axis)
             self._visit(child, len(self.names) - 1, np.zeros(3), np.eye(3))
@@ -175,15 +176,9 @@ class _Walk:
         if inertial is None:
             return
         mass = float(inertial.find("mass").get("value", 0.0))
-        offset, rotation = pose(inertial.find("origin"))
-        values = {key: float(inertial.find("inertia").get(key, 0.0)) for key in TENSOR}
-        tensor = np.array(
-            [
-                [values["ixx"], values["ixy"], values["ixz"]],
-                [values["ixy"], values["iyy"], values["iyz"]],
-                [values["ixz"], values["iyz"], values["izz"]],
-            ]
-        )
+        rotation, offset = origin_of(inertial)
+        given = inertial.find("inertia")
+        tensor = inertia_matrix([float(given.get(key, 0.0)) for key in TENSOR])
         facing, at = turn @ rotation, place + turn @ offset
         if mass <= 0.0:
             return
@@ -191,27 +186,6 @@ class _Walk:
         total, com, inertia = add_point_mass(*added, mass, at) if added[0] else (mass, at, 0.0)
         self.mass[to], self.com[to] = total, com
         self.inertia[to] = inertia + facing @ tensor @ facing.T
-
-
-def pose(origin: Any) -> tuple[np.ndarray, np.ndarray]:
-    """Position [m], (3,), and rotation, (3, 3), of a URDF origin; identity for None."""
-    if origin is None:
-        return np.zeros(3), np.eye(3)
-    roll, pitch, yaw = numbers(origin.get("rpy", "0 0 0"))
-    (cr, sr), (cp, sp), (cy, sy) = ((math.cos(a), math.sin(a)) for a in (roll, pitch, yaw))
-    turn = np.array(
-        [
-            [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr],
-            [sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr],
-            [-sp, cp * sr, cp * cr],
-        ]
-    )
-    return numbers(origin.get("xyz", "0 0 0")), turn
-
-
-def numbers(text: str) -> np.ndarray:
-    """Numbers of an XML attribute, (k,)."""
-    return np.array([float(token) for token in text.split()])
 
 
 def clearance(description: Description, height: float, folder: Path) -> float:
@@ -235,11 +209,11 @@ def clearance(description: Description, height: float, folder: Path) -> float:
             [at - _extent(s, folder) for s in shapes[link]] if moves else [], default=math.inf
         )
         for joint in children.get(link, ()):
-            offset, rotation = pose(joint.find("origin"))
+            rotation, offset = origin_of(joint)
             kind, facing = joint.get("type"), down @ rotation
             drop = float(np.linalg.norm(offset)) if swung else -float(down @ offset)
             if kind == SLIDES:
-                axis = numbers(joint.find("axis").get("xyz"))
+                axis = numbers(joint.find("axis"), "xyz", "1 0 0")
                 travel = max(map(abs, description.limits(joint.get("name"))))
                 part = 1.0 if swung else abs(float(facing @ axis)) / float(np.linalg.norm(axis))
                 drop += travel * part if part > 1e-9 else 0.0
@@ -253,12 +227,12 @@ def clearance(description: Description, height: float, folder: Path) -> float:
 
 def _extent(collision: Any, folder: Path) -> float:
     """Largest distance of a shape from the origin of its link [m]; infinite if unknown."""
-    offset, _ = pose(collision.find("origin"))
+    _, offset = origin_of(collision)
     shape = next(iter(collision.find("geometry")))
     if shape.tag == "sphere":
         size = float(shape.get("radius"))
     elif shape.tag == "box":
-        size = 0.5 * float(np.linalg.norm(numbers(shape.get("size"))))
+        size = 0.5 * float(np.linalg.norm(numbers(shape, "size", "")))
     elif shape.tag == "cylinder":
         size = math.hypot(float(shape.get("radius")), 0.5 * float(shape.get("length")))
     else:
@@ -266,5 +240,5 @@ def _extent(collision: Any, folder: Path) -> float:
         points = np.zeros((0, 3)) if path is None else mesh_points(path)
         if not len(points):
             return math.inf
-        size = float(np.linalg.norm(points * numbers(shape.get("scale", "1 1 1")), axis=1).max())
+        size = float(np.linalg.norm(points * numbers(shape, "scale", "1 1 1"), axis=1).max())
     return float(np.linalg.norm(offset)) + size

@@ -5,10 +5,7 @@ from __future__ import annotations
 
 import xml.etree.ElementTree as ET
 
-import numpy as np
-
-from ..bolted.tree import numbers, pose
-from ..robot.frames import set_pose, turns
+from ..robot.frames import lock
 from ..robot.urdf_check import LARGEST, mass_of
 from .notes import Notes
 from .weight import FEATHER, robot_mass, weigh
@@ -33,25 +30,6 @@ def cure(root: ET.Element, notes: Notes) -> None:
             _free(root, joint, notes)
         elif kind in ("revolute", "prismatic"):
             _range(joint, notes)
-
-
-def lock(joint: ET.Element, position: float) -> None:
-    """Fix a joint at a position [rad or m]."""
-    offset, turn = pose(joint.find("origin"))
-    axis = joint.find("axis")
-    along = numbers("1 0 0" if axis is None else axis.get("xyz", ""))
-    if position and len(along) == 3 and np.linalg.norm(along) > 0.0:
-        along = along / np.linalg.norm(along)
-        if joint.get("type") == "prismatic":
-            offset = offset + turn @ along * position
-        else:
-            turn = turn @ turns(along, np.array([position]))[0]
-        origin = joint.find("origin")
-        origin = ET.SubElement(joint, "origin") if origin is None else origin
-        set_pose(origin, offset, turn)
-    joint.set("type", "fixed")
-    for extra in [*joint.findall("mimic"), *joint.findall("limit"), *joint.findall("axis")]:
-        joint.remove(extra)
 
 
 def _end(joint: ET.Element, end: str) -> str | None:

@@ -8,9 +8,9 @@ from pathlib import Path
 
 import numpy as np
 
-from ..bolted.tree import numbers, pose
 from ..mesh_files import mesh_path
 from ..meshes.read import mesh_points
+from ..robot.frames import numbers, origin_of
 
 ROUND = np.linspace(0.0, 2.0 * np.pi, 24, endpoint=False)
 
@@ -25,7 +25,7 @@ def link_points(link: ET.Element, folder: Path, kind: str = "collision") -> np.n
     """
     parts = [np.zeros((0, 3))]
     for shape in link.findall(kind):
-        offset, rotation = pose(shape.find("origin"))
+        rotation, offset = origin_of(shape)
         body = next(iter(shape.find("geometry")))
         parts.append(offset + _points(body, folder) @ rotation.T)
     return np.concatenate(parts)
@@ -34,7 +34,7 @@ def link_points(link: ET.Element, folder: Path, kind: str = "collision") -> np.n
 def _points(body: ET.Element, folder: Path) -> np.ndarray:
     if body.tag == "box":
         signs = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)])
-        return 0.5 * signs * numbers(body.get("size"))
+        return 0.5 * signs * numbers(body, "size", "")
     if body.tag == "sphere":
         return float(body.get("radius")) * np.vstack([np.eye(3), -np.eye(3)])
     if body.tag in ("cylinder", "capsule"):
@@ -43,7 +43,7 @@ def _points(body: ET.Element, folder: Path) -> np.ndarray:
         rim = np.column_stack([radius * np.cos(ROUND), radius * np.sin(ROUND), 0.0 * ROUND])
         return np.vstack([rim + [0.0, 0.0, half], rim - [0.0, 0.0, half]])
     path = mesh_path(body.get("filename", ""), folder)
-    return mesh_points(path) * numbers(body.get("scale", "1 1 1")) if path else np.zeros((0, 3))
+    return mesh_points(path) * numbers(body, "scale", "1 1 1") if path else np.zeros((0, 3))
 
 
 def solid_inertia(mass: float, points: np.ndarray) -> np.ndarray:

@@ -12,8 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ..bolted.tree import pose
-from ..robot.frames import set_pose
+from ..robot.frames import lock, origin_of, set_pose
 from ..robot.urdf_check import mass_of
 from . import geometry, joints, units, weight
 from .notes import Notes
@@ -76,7 +75,7 @@ class Tidied:
         for joint in self.root.findall("joint"):
             name = joint.get("name") or ""
             if name in positions:
-                joints.lock(joint, positions[name])
+                lock(joint, positions[name])
                 self._notes.add(why, name)
 
     def float_root(self, root: str) -> None:
@@ -103,7 +102,7 @@ class Tidied:
 
 def _turn_origin(place: ET.Element, rotation: np.ndarray) -> None:
     origin = place.find("origin")
-    offset, turn = pose(origin)
+    turn, offset = origin_of(place)
     if origin is None:
         origin = ET.Element("origin")
         place.insert(0, origin)

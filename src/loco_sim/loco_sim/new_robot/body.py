@@ -9,6 +9,7 @@ from ..bolted import tree as trees
 from ..foreign.rotors import Rotors
 from ..robot.description import Description
 from ..robot.equipment import GRAVITY
+from ..robot.frames import origin_of
 from ..robot.urdf_check import TENSOR, inertia_matrix
 
 BASE = -1
@@ -208,7 +209,7 @@ def _base(description: Description, frames: dict) -> tuple[float, np.ndarray, np
         link_mass = float(inertial.find("mass").get("value", 0.0))
         if link_mass <= 0.0:
             continue
-        offset, turn = trees.pose(inertial.find("origin"))
+        turn, offset = origin_of(inertial)
         at, facing = frame.place + frame.turn @ offset, frame.turn @ turn
         tensor = inertial.find("inertia")
         values = {} if tensor is None else tensor.attrib

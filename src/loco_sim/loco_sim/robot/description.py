@@ -14,7 +14,7 @@ from loco_control.exceptions import NameUnknownError, ParameterError
 
 from ..geometry import added
 from ..mesh_files import mesh_path
-from .frames import fixed_axes, numbers
+from .frames import fixed_axes, lock, numbers
 from .urdf_check import TENSOR, inertia_matrix, mass_of, parse
 
 
@@ -142,6 +142,10 @@ class Description:
         return np.array(
             [float(v) for v in (element.get("xyz") if element is not None else "1 0 0").split()]
         )
+
+    def lock(self, joint: str, position: float) -> None:
+        """Fix a joint at a position [rad or m]."""
+        lock(self._find("joint", joint), position)
 
     def split_root(self, x: float, axis: str) -> str:
         """Split the root link in two with a hinge; joints behind the cut move to the rear link.

@@ -107,8 +107,14 @@ def turns(axis: np.ndarray, angle: np.ndarray) -> np.ndarray:
 
 def fixed_axes(rpy: np.ndarray) -> np.ndarray:
     """Rotation of roll, pitch and yaw about fixed axes, (3, 3)."""
-    x, y, z = (turns(axis, rpy[i : i + 1])[0] for i, axis in enumerate(np.eye(3)))
-    return z @ y @ x
+    (cr, sr), (cp, sp), (cy, sy) = ((math.cos(a), math.sin(a)) for a in rpy)
+    return np.array(
+        [
+            [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr],
+            [sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr],
+            [-sp, cp * sr, cp * cr],
+        ]
+    )
 
 
 def numbers(element: ElementTree.Element | None, key: str, default: str) -> np.ndarray:
@@ -126,3 +132,20 @@ def set_pose(origin: ElementTree.Element, offset: np.ndarray, turn: np.ndarray) 
         roll, yaw = math.atan2(-turn[1, 2], turn[1, 1]), 0.0
     origin.set("xyz", " ".join(f"{v:.12g}" for v in offset + 0.0))
     origin.set("rpy", " ".join(f"{v:.12g}" for v in (roll, pitch, yaw)))
+
+
+def lock(joint: ElementTree.Element, position: float) -> None:
+    """Fix a joint of a URDF at a position [rad or m]."""
+    turn, offset = origin_of(joint)
+    axis = numbers(joint.find("axis"), "xyz", "1 0 0")
+    if position and len(axis) == 3 and np.linalg.norm(axis) > 0.0:
+        if joint.get("type") == "prismatic":
+            offset = offset + turn @ axis / np.linalg.norm(axis) * position
+        else:
+            turn = turn @ turns(axis, np.array([position]))[0]
+        origin = joint.find("origin")
+        origin = ElementTree.SubElement(joint, "origin") if origin is None else origin
+        set_pose(origin, offset, turn)
+    joint.set("type", "fixed")
+    for extra in [*joint.findall("mimic"), *joint.findall("limit"), *joint.findall("axis")]:
+        joint.remove(extra)

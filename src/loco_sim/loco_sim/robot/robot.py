@@ -47,6 +47,7 @@ class FallLimits(Params):
 
 
 # Default fall limits of a quadruped: those of HyQ (the author's hyq_ml), scaled to its size.
+LOCKED = "locked"  # key of robot.yaml: joints that do not move, with their positions
 LEGGED_FALL = FallLimits(height=0.35, roll=0.8, pitch=0.8)
 HYQ_LEGS = 25.796  # mass of HyQ's legs [kg], reference for scaling drive gains
 
@@ -208,6 +209,9 @@ def load(name_or_path: str | Path, overrides: Mapping[str, Any] | None = None) -
     limits = _check_names(path, description, joints, feet)
     moved = [description.child(joint) for joint in joints]
     values = equipment.expanded(values, joints, description.links(), path)
+    if values.get(LOCKED):
+        values, moving = _with_locked(values, description, path)
+        joints, limits = tuple(values["joints"]), limits[moving]
     equipment.override(values, overrides or {}, description.links())
     try:
         fitted = _fit(path.parent, description, joints, feet, values)
@@ -225,6 +229,29 @@ def load(name_or_path: str | Path, overrides: Mapping[str, Any] | None = None) -
         followers=_followers(description, joints),
         **fitted,
     )
+
+
+def _with_locked(
+    values: dict[str, Any], description: Description, path: Path
+) -> tuple[dict[str, Any], np.ndarray]:
+    """Contents without the joints in ``locked``, fixed in the URDF; flags of the others, (n,)."""
+    locked, joints = values[LOCKED], values["joints"]
+    if not isinstance(locked, dict) or not all(map(_is_number, locked.values())):
+        raise ParameterError(f"{path}: {LOCKED} must give joints a position, got {shown(locked)}")
+    types = description.joint_types()
+    for joint, position in locked.items():
+        if joint not in types:
+            raise NameUnknownError(f"joint of the URDF that {path} locks", joint, types)
+        if "legs" in values and joint in joints:
+            raise ParameterError(f"{path}: {LOCKED}: {joint} is a joint of a leg, which cannot be")
+        description.lock(joint, float(position))
+    moving = np.array([joint not in locked for joint in joints])
+    kept = {"joints": [joint for joint in joints if joint not in locked]}
+    if values.get("standing"):
+        kept["standing"] = _standing(values["standing"], len(joints))[moving].tolist()
+    for section in equipment.BY_JOINT:
+        kept[section] = {j: entry for j, entry in values[section].items() if j not in locked}
+    return {**values, **kept}, moving
 
 
 def _followers(
@@ -264,7 +291,7 @@ def _fit(
     dynamics = equipment.parts(values["dynamics"], equipment.DynamicsParams, "dynamics")
     bodies = equipment.parts(values["bodies"], equipment.BodyParams, "bodies")
     stops = {joint: spring.stop for joint, spring in springs.items() if spring.stop > -math.inf}
-    edited = bool(values["masses"] or dynamics or bodies or stops)
+    edited = bool(values["masses"] or dynamics or bodies or stops or values.get(LOCKED))
     equipment.set_masses(description, values["masses"])
     for joint, params in dynamics.items():
         if params.damping >= 0.0:
@@ -415,7 +442,7 @@ def _read(path: Path) -> dict[str, Any]:
 def _parsed(path: Path, written: int) -> dict[str, Any]:
     """As `_read`, cached by the modification time `written` [ns]."""
     values = read_yaml(path, "robot")
-    allowed = ("urdf", "joints", "feet", "standing", "legs", "guessed", equipment.UNCERTAIN)
+    allowed = ("urdf", "joints", "feet", "standing", "legs", "guessed", LOCKED, equipment.UNCERTAIN)
     allowed += (*equipment.SCALARS, *equipment.BY_JOINT, *equipment.BY_LINK, *equipment.NESTED)
     if not isinstance(values, dict) or not {"urdf", "joints"} <= set(values):
         raise ParameterError(f"{path} must be a mapping with at least 'urdf' and 'joints'")

@@ -69,14 +69,29 @@ def drafted(
         )
         notes.append(Doubt(f"{given} is a draft, to be corrected: {what}"))
     if fresh and given:
-        roles = {column.role for column in mapping.load(given).columns}
-        if "command_torque" in roles and "command_position" not in roles:
-            text = own.read_text(encoding="utf-8").replace("[control_rate, drives]", "[control_rate]")
-            write_whole(own, re.sub(r"kind: impedance, [^}]*", "kind: torque", text))
+        write_whole(own, _fitting(own.read_text(encoding="utf-8"), mapping.load(given), robot))
     if is_drafted:
         keys = re.findall(r"^(\w+):.*# guessed", own.read_text(encoding="utf-8"), re.M)
         notes.append(Doubt(f"{own} is a draft, to be corrected; guessed: {', '.join(keys)}"))
     return robot, given, tuple(notes)
+
+
+def _fitting(text: str, rules: Mapping, robot: str) -> str:
+    """A drafted ``robot.yaml`` for a log: driven by torques if it has no other commands.
+
+    Joints without any column, such as the fingers of an arm, are locked where they stand.
+    """
+    roles = {column.role for column in rules.columns}
+    if "command_torque" in roles and "command_position" not in roles:
+        text = text.replace("[control_rate, drives]", "[control_rate]")
+        text = re.sub(r"kind: impedance, [^}]*", "kind: torque", text)
+    made, places = models.load_any(robot).make_robot(), {column.place for column in rules.columns}
+    known = {joint for joint, lead in made.followers.items() if lead[0] in places} | places
+    still = {j: float(q) for j, q in zip(made.joints, made.standing, strict=True) if j not in known}
+    if not still or len(still) == len(made.joints):
+        return text
+    listed = ", ".join(f"{joint}: {position:g}" for joint, position in still.items())
+    return f"{text.rstrip()}\nlocked: {{{listed}}}  # guessed, as the log has no column of them\n"
 
 
 def _is_undescribed(path: Path) -> bool:
