@@ -113,6 +113,44 @@ def test_an_offset_is_correlated_for_ever():
     assert evidence.correlation_time(np.full(10, np.nan)) == 1.0
 
 
+@pytest.mark.parametrize("every", [2, 4, 6, 7, 10])
+def test_the_correlation_time_counts_measured_samples_whatever_the_rows_between_them(every):
+    """The mean of a series is as sure however many empty rows there are."""
+    x = slow(np.random.default_rng(3), 3000)[:, 0]
+    spread = np.full(len(x) * every, np.nan)
+    spread[::every] = x
+    assert evidence.correlation_time(x) > 15.0
+    assert evidence.correlation_time(spread) == pytest.approx(evidence.correlation_time(x))
+
+
+@pytest.mark.parametrize("every", [2, 3, 5, 10])
+def test_thinning_keeps_the_correlation_time_in_seconds_and_the_number_of_samples(every):
+    x = slow(np.random.default_rng(3), 20000)[:, 0]
+    thin = np.full((len(x), 1), np.nan)
+    thin[::every, 0] = x[::every]
+    whole, some = evidence.score([x[:, None]]), evidence.score([thin])
+    assert every * some.tau[0, 0] == pytest.approx(whole.tau[0, 0], rel=0.25)
+    assert some.n_eff == pytest.approx(whole.n_eff, rel=0.25)
+
+
+def test_thinning_below_the_correlation_time_counts_every_sample():
+    x = slow(np.random.default_rng(3), 200000)[:, 0]
+    thin = np.full((len(x), 1), np.nan)
+    thin[::200, 0] = x[::200]
+    assert evidence.score([thin]).n_eff == pytest.approx(1000, rel=0.2)
+
+
+@pytest.mark.parametrize("every", [2, 5])
+def test_a_slow_error_is_no_more_evidence_where_it_is_measured_more_rarely(every):
+    rng = np.random.default_rng(3)
+    whole = [size * slow(rng, 20000)[:, :1] for size in (2.0, 4.0)]
+    rows = np.arange(20000)[:, None] % every == 0
+    gains = []
+    for models in (whole, [np.where(rows, x, np.nan) for x in whole]):
+        gains.append(evidence.compare(*map(evidence.score, ([m] for m in models)), rng).gain)
+    assert gains[1] == pytest.approx(gains[0], rel=0.25)
+
+
 def test_channels_measured_more_rarely_count_their_samples():
     rng = np.random.default_rng(2)
     x = np.full((3000, 1), np.nan)

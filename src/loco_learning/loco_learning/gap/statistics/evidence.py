@@ -164,32 +164,24 @@ def score(residuals: Sequence[np.ndarray]) -> Score:
 
 
 def correlation_time(x: np.ndarray) -> float:
-    """Integrated autocorrelation time about zero [samples], 1 for white noise.
+    """Integrated autocorrelation time about zero [measured samples], 1 for white noise.
 
-    ``1 + 2 sum rho_k`` up to the first lag of five times the current sum (Sokal's window).
-    A residual with a non-zero mean is correlated over the whole record.
+    ``1 + 2 sum rho_k`` up to the first lag of five times the current sum (Sokal's window). Lags
+    count measured samples: whatever the rows between them, their number over this time is that of
+    independent ones. A residual with a non-zero mean is correlated over the whole record.
 
     Args:
-        x: (T,), NaN = not measured.
+        x: (T,), NaN = not measured; gaps are closed up.
     """
-    valid = np.isfinite(x)
-    n = int(valid.sum())
-    if n < 4:
+    y = x[np.isfinite(x)]
+    if len(y) < 4 or not np.any(y):
         return 1.0
-    y = np.where(valid, x, 0.0)
     size = 1 << (2 * len(y) - 1).bit_length()
-    power = np.abs(np.fft.rfft(y, size)) ** 2
-    pairs = np.abs(np.fft.rfft(valid.astype(float), size)) ** 2
-    covariance = np.fft.irfft(power, size)[: len(y)]
-    counts = np.maximum(np.round(np.fft.irfft(pairs, size)[: len(y)]), 1.0)
-    if not covariance[0] > 0.0:
-        return 1.0
-    rho = (covariance / counts) / (covariance[0] / counts[0])
+    covariance = np.fft.irfft(np.abs(np.fft.rfft(y, size)) ** 2, size)[: len(y)]
+    rho = covariance / covariance[0] * len(y) / np.arange(len(y), 0, -1)
     sums = 2.0 * np.cumsum(rho) - 1.0
     stop = np.flatnonzero(np.arange(len(sums)) >= 5.0 * sums)
-    stride = float(np.median(np.diff(np.flatnonzero(valid))))  # above 1 if sampled more slowly
-    tau = sums[stop[0]] if len(stop) else sums.max()
-    return float(np.clip(tau / stride, 1.0, n))
+    return float(np.clip(sums[stop[0]] if len(stop) else sums.max(), 1.0, len(y)))
 
 
 def compare(
@@ -320,14 +312,17 @@ def _blocks(a: Score, b: Score) -> tuple[np.ndarray, float]:
     scale, tau = _noise((a, b))
     seen = [np.isfinite(r).any(1) for r in a.residuals]
     total = sum(int(rows.sum()) for rows in seen)
-    wide = np.minimum(np.maximum(tau, _allowance(a, b)), max(total / FEW, 1.0))
+    counts = np.array([np.isfinite(r).sum(0) for r in a.residuals])  # (R, C)
+    most = np.maximum(counts.sum(0) / FEW, 1.0)
+    wide = np.minimum(np.maximum(tau, _allowance(a, b)), most)
     pairs = zip(_ticks(a.residuals, scale, wide), _ticks(b.residuals, scale, wide), strict=True)
     ticks = [(x - y)[rows] for (x, y), rows in zip(pairs, seen, strict=True)]
     mean = sum(float(x.sum()) for x in ticks) / max(total, 1)
     sums, pieces = [], 0.0
-    for each, taus in zip(ticks, tau, strict=True):
+    for each, taus, count in zip(ticks, tau, counts, strict=True):
         if len(each):
-            long = max(correlation_time(each - mean), float(np.median(taus)))
+            rows = taus * len(each) / np.maximum(count, 1)
+            long = max(correlation_time(each - mean), float(np.median(rows)))
             length = np.clip(2.0 * long, total / MANY, total / FEW)
             parts = np.array_split(each, max(1, round(len(each) / length)))
             sums += [float(part.sum()) for part in parts if len(part)]
