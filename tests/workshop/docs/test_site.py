@@ -2,13 +2,16 @@
 """The documentation site is built whole, and needs nothing from elsewhere."""
 
 import re
+import shutil
+import subprocess
+from pathlib import Path
 
 import pytest
 
 from loco_bringup.cli.clone import root
 from loco_control.exceptions import LocoError
 from loco_workshop.docs.site import build
-from loco_workshop.docs.site_hooks import on_page_markdown
+from loco_workshop.docs.site_hooks import API, notebook, on_page_markdown
 
 
 @pytest.fixture(scope="module")
@@ -20,22 +23,41 @@ def site(tmp_path_factory):
 
 def test_every_page_is_there_and_none_is_long(site):
     pages = {path.stem for path in (root() / "docs").glob("*.md")}
-    assert pages - {"index"} | {"api"} <= {path.parent.name for path in site.glob("*/index.html")}
+    made = {path.stem for path in site.glob("*.html")}
+    assert pages | {Path(name).stem for name in API} | {"csv_to_gap"} <= made
     assert pages <= set(re.findall(r"(\w+)\.md", (root() / "mkdocs.yml").read_text()))
     lengths = {p.name: len(p.read_text().splitlines()) for p in (root() / "docs").glob("*.md")}
     assert {name: n for name, n in lengths.items() if n > 300} == {}
 
 
 def test_pages_load_nothing_from_elsewhere(site):
-    for path in site.glob("*/index.html"):
+    for path in site.glob("*.html"):
         assert not re.search(r'<(?:script|link|img)[^>]+(?:src|href)="https?:', path.read_text())
 
 
 def test_the_reference_has_units_and_errors(site):
-    text = (site / "api/index.html").read_text()
+    text = "".join((site / name).with_suffix(".html").read_text() for name in API)
     for name in ("loco.find_gap", "loco_sim.robot.robot.load", "loco_bringup.bag.reader.Bag"):
         assert f'id="{name}"' in text
     assert "Raises" in text
+
+
+@pytest.mark.skipif(not shutil.which("chromium"), reason="needs Chromium")
+def test_search_works_from_a_file(site):
+    command = ["chromium", "--headless", "--no-sandbox", "--virtual-time-budget=60000"]
+    address = f"{(site / 'index.html').as_uri()}?q=backlash"
+    done = subprocess.run([*command, "--dump-dom", address], capture_output=True, check=True)
+    assert re.search(r"[0-9]+ matching documents", done.stdout.decode())
+
+
+def test_a_notebook_is_a_page_with_its_outputs():
+    code = {"cell_type": "code", "source": ["1 + 1"], "outputs": [
+        {"data": {"text/plain": ["2"]}}, {"text": ["done\n"]}, {"data": {"image/png": "ab\n"}},
+    ]}  # fmt: skip
+    text = notebook({"cells": [{"cell_type": "markdown", "source": ["# A"]}, code]})
+    assert text.startswith("# A\n\n```python\n1 + 1\n```\n\n```text\n2\n```\n\n```text\ndone")
+    assert "![output](data:image/png;base64,ab)" in text
+    assert on_page_markdown("[n](csv_to_gap.ipynb)") == "[n](csv_to_gap.md)"
 
 
 def test_files_beside_the_pages_are_named():

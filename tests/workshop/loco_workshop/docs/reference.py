@@ -36,7 +36,7 @@ def show_docs(a: argparse.Namespace) -> int:
     """`loco docs`: print the pages, or write pages or figures to ``docs/``."""
     if a.site:
         build(root(), Path(a.out))
-        console.print(f"{a.out}/index.html; `python -m http.server -d {a.out}` serves it")
+        console.print(f"{a.out}/index.html")
         return 0
     if a.figures:
         for path in draw_all(root() / "docs" / "pictures" / "effects"):

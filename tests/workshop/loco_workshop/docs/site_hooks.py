@@ -1,38 +1,62 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Hooks of mkdocs: add the code reference, and resolve links to files outside ``docs/``."""
+"""Hooks of mkdocs: add the code reference and the notebook, resolve links outside ``docs/``."""
 
 from __future__ import annotations
 
+import json
 import re
+from pathlib import Path
 from typing import Any
 
 from mkdocs.structure.files import File
 
-# Modules of the reference, each with all its public names.
+# Pages of the reference: title and modules, each with all its public names.
 API = {
-    "Find the gap, read bags, run robots": ("loco",),
-    "Robots and their physics": (
+    "api_loco.md": ("Code: gaps, bags, robots from Python", ("loco",)),
+    "api_robots.md": ("Code: robots and their physics", (
         "loco_sim.robot.robot", "loco_sim.effects.base", "loco_sim.effects.identity",
         "loco_sim.plant.simulation",
-    ),
-    "Control": ("loco_control.params", "loco_control.exceptions", "loco_control.types"),
-    "Runs and recordings": (
+    )),
+    "api_control.md": ("Code: control", (
+        "loco_control.params", "loco_control.exceptions", "loco_control.types",
+    )),
+    "api_runs.md": ("Code: runs and recordings", (
         "loco_learning.runs.experiment", "loco_learning.runs.log", "loco_bringup.bag.reader",
         "loco_bringup.testing",
-    ),
+    )),
 }  # fmt: skip
-BESIDE = re.compile(r"\[([^\]]+)\]\(((?:\.\./)+[^)#]+|[\w/]+\.ipynb)(?:#[^)]*)?\)")
+NOTEBOOK = "csv_to_gap.ipynb"
+BESIDE = re.compile(r"\[([^\]]+)\]\(((?:\.\./)+[^)#]+)(?:#[^)]*)?\)")
 
 
 def on_files(files: Any, config: Any) -> Any:
-    """Add the page with the code reference, which is not a file of the repository."""
-    parts = ["# The code", "Public names, printed from the source."]
-    for title, modules in API.items():
-        parts += [f"## {title}", *(f"::: {module}" for module in modules)]
-    files.append(File.generated(config, "api.md", content="\n\n".join(parts)))
+    """Add the pages with the code reference and the notebook, which are no pages of ``docs/``."""
+    for name, (title, modules) in API.items():
+        parts = [f"# {title}", "Public names, generated from the source."]
+        parts += [f"::: {module}" for module in modules]
+        files.append(File.generated(config, name, content="\n\n".join(parts)))
+    text = notebook(json.loads((Path(config.docs_dir) / NOTEBOOK).read_text()))
+    files.append(File.generated(config, NOTEBOOK.replace(".ipynb", ".md"), content=text))
     return files
 
 
+def notebook(content: dict[str, Any]) -> str:
+    """Markdown of a notebook: its text, its code, and stored outputs as text or PNG pictures."""
+    parts = []
+    for cell in content["cells"]:
+        source = "".join(cell["source"])
+        parts.append(source if cell["cell_type"] == "markdown" else f"```python\n{source}\n```")
+        for output in cell.get("outputs", ()):
+            data = output.get("data", {"text/plain": output.get("text", "")})
+            if "image/png" in data:
+                picture = "".join(data["image/png"]).replace("\n", "")
+                parts.append(f"![output](data:image/png;base64,{picture})")
+            elif text := "".join(data.get("text/plain", "")):
+                parts.append(f"```text\n{text.rstrip()}\n```")
+    return "\n\n".join(parts) + "\n"
+
+
 def on_page_markdown(markdown: str, **_: Any) -> str:
-    """Replace links to files outside ``docs/`` by their names, since the site lacks them."""
+    """Link the notebook, and replace links to files outside ``docs/``, which the site lacks."""
+    markdown = markdown.replace(f"({NOTEBOOK})", f"({NOTEBOOK.replace('.ipynb', '.md')})")
     return BESIDE.sub(lambda m: f"{m[1]} (`{m[2].replace('../', '')}`)", markdown)
