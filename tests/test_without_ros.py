@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -95,17 +96,34 @@ def test_commands_of_the_graph_say_what_is_missing(command, tmp_path):
     assert done.stderr.count("\n") == 1
 
 
+def words(notebook_outputs) -> list[str]:
+    """What the cells of a notebook say, without numbers and pictures."""
+    texts = ["".join(one.get("text") or one["data"].get("text/html") or one["data"]["text/plain"])
+             for cell in notebook_outputs for one in cell]  # fmt: skip
+    return [re.sub(r"[-+.\d]+|<img [^>]+>", "", text) for text in texts]
+
+
 def test_the_notebook_leads_from_csv_to_the_name_of_the_gap(tmp_path):
-    cells = json.loads(NOTEBOOK.read_text())["cells"]
-    code = ["".join(cell["source"]) for cell in cells if cell["cell_type"] == "code"]
-    done = start("\n".join(code), tmp_path)
+    notebook = json.loads(NOTEBOOK.read_text())
+    script = f"""
+import json
+from loco_workshop.docs import notebook
+print(json.dumps(notebook.outputs(json.load(open({str(NOTEBOOK)!r}, encoding="utf-8")))))
+"""
+    done = start(script, tmp_path)
     assert done.returncode == 0, done.stderr
+    said = json.loads(done.stdout.splitlines()[-1])
     # A search with MuJoCo ends a hair elsewhere, and does not exclude Stribeck's law.
     exact = "pybullet" in installed()
-    said = "coulomb friction in pivot." if exact else "friction in pivot, by what law"
-    assert f"Named: {said}" in done.stdout
-    name, place, parameter, value, low, high = done.stdout.splitlines()[-2].split()
+    named = "coulomb friction in pivot." if exact else "friction in pivot, by what law"
+    (result,) = (one["data"] for cell in said for one in cell if "data" in one)
+    assert f"<pre>Named: {named}" in "".join(result["text/html"])
+    assert '<img alt="The largest gap' in "".join(result["text/html"])
+    name, place, parameter, value, low, high = said[-2][0]["text"][0].split()
     assert (name, place, parameter) == ("coulomb_friction", "pivot", "torque")
     assert float(low) <= 0.15 <= float(high) and float(high) - float(low) < 0.01
     page = tmp_path / "results/gap_middle/gap.html"
     assert page.read_text().startswith("<!")
+    stored = [cell["outputs"] for cell in notebook["cells"] if cell["cell_type"] == "code"]
+    if exact:
+        assert words(stored) == words(said)

@@ -23,6 +23,7 @@ from loco_bringup.graph import run as runner
 from loco_bringup.logs.bag_log import read_log
 from loco_bringup.logs.rollout_bag import run_rollout
 from loco_bringup.page import html
+from loco_bringup.page.plot import Line, Panel, Plot
 from loco_bringup.report import compare, robot
 from loco_bringup.report import live as live_page
 from loco_bringup.report import network as network_page
@@ -110,6 +111,19 @@ new MutationObserver(async (_, seer) => {
   const told = document.body.appendChild(document.createElement("pre"));
   told.id = "told";
   told.textContent = JSON.stringify({ name: kept[0].name, saved: await kept[0].text() });
+}).observe(document.documentElement, { attributeFilter: ["data-drawn"] });
+</script></head>"""
+
+# An eye that looks which columns of the first plot have something of a colour.
+EYE = """<script>
+new MutationObserver(async (_, seer) => {
+  seer.disconnect();
+  const canvas = document.querySelector(".plot canvas"), { width, height } = canvas;
+  const seen = canvas.getContext("2d").getImageData(0, 0, width, height).data, columns = new Set();
+  for (let i = 0; i < seen.length; i += 4)
+    if (seen[i] > 200 && seen[i + 1] < 60 && seen[i + 2] < 60) columns.add((i / 4) % width);
+  const told = document.body.appendChild(document.createElement("pre"));
+  told.id = "told"; told.textContent = JSON.stringify({ share: columns.size / width });
 }).observe(document.documentElement, { attributeFilter: ["data-drawn"] });
 </script></head>"""
 
@@ -295,6 +309,24 @@ def test_a_cell_says_its_value_opens_its_case_and_is_saved(tmp_path):
     head, *rows = told["saved"].splitlines()
     assert head == '"frame","name","x","y","x end","y end","text"'
     assert [row for row in rows if '"100","1"' in row and " W" in row]
+
+
+def test_a_signal_slower_than_the_axis_is_a_line_that_only_a_pause_interrupts(tmp_path):
+    t, slow = np.arange(2000) / 2000.0, np.full(2000, np.nan)
+    slow[3::20] = 1.0
+    halved = np.where((t < 0.01) | (t > 0.5), slow, np.nan)
+    whole = seen_share(t, np.ones(2000), tmp_path)
+    assert whole > 0.5 and seen_share(t, slow, tmp_path) == pytest.approx(whole, rel=0.02)
+    assert seen_share(t, halved, tmp_path) == pytest.approx(0.5 * whole, rel=0.04)
+
+
+def seen_share(t, values, folder):
+    """Share of the width of a plot in which a line is drawn."""
+    plot = Plot(t, [Panel("q [rad]", [Line("q", values, "#ff0000", 3.0)])])
+    shown = [html.part("A log", lambda: html.figure(plot, "A log", ""))]
+    text = html.document("Slow", html.paragraph("A page for a test."), shown)
+    text = text.replace('<html lang="en">', '<html lang="en" data-theme="light">')
+    return opened(text.replace("</head>", EYE), folder)["share"]
 
 
 def test_what_is_shared_is_the_page_before_anything_was_drawn(tmp_path):

@@ -7,7 +7,7 @@ import zlib
 import numpy as np
 import pytest
 
-from loco_bringup.page.plot import BUDGET, STEPS, UNKNOWN, Line, Panel, Plot, data_of, seen
+from loco_bringup.page.plot import BUDGET, STEPS, UNKNOWN, Line, Panel, Plot, data_of, seen, thinned
 
 
 def unpacked(data, kind):
@@ -41,6 +41,14 @@ def test_a_long_plot_is_thinned_to_its_budget():
     count = 3 * BUDGET + 1
     data = data_of("Long", Plot(np.arange(count), [Panel("y", [Line("y", np.zeros(count), "#0")])]))
     assert BUDGET // 2 < data["count"] <= BUDGET and data["every"] == 4
+
+
+def test_a_signal_slower_than_the_axis_keeps_its_values_when_it_is_thinned():
+    y = np.full(20, np.nan)
+    y[3::10] = [1.0, 2.0]
+    for every in (1, 2, 3, 4, 7):
+        kept = thinned(y, every)
+        assert len(kept) == -(-20 // every) and kept[np.isfinite(kept)].tolist() == [1.0, 2.0]
 
 
 def test_words_tell_the_range_of_every_line():

@@ -35,6 +35,7 @@ from loco_sim.robot.robot import Robot
 
 # Compiled kernels and figures take seconds to load, so modules are imported on first use.
 _gap = lazy.module("loco_bringup.gap.run")
+_plots = lazy.module("loco_bringup.gap.plots")
 _text = lazy.module("loco_bringup.gap.text")
 _export = lazy.module("loco_bringup.export_model.write")
 _report = lazy.module("loco_bringup.report.report")
@@ -73,7 +74,7 @@ class Page:
 
 @dataclasses.dataclass(frozen=True)
 class Gap:
-    """Result of `find_gap`: the effects that a model lacks; `print` shows a summary.
+    """Result of `find_gap`: the effects that a model lacks, as text or, in a notebook, with curves.
 
     Attributes:
         folder: Folder of all results.
@@ -109,11 +110,10 @@ class Gap:
         return Page(self.folder / _gap.PAGE)
 
     def __str__(self) -> str:
-        lines = [_text.headline(self.result), *_text.term_lines(self.result)]
-        return "\n  ".join([*lines, _text.gap_line(self.result)]).rstrip()
+        return _text.summary(self.result)
 
     def _repr_html_(self) -> str:
-        return f"<pre>{escape(str(self))}</pre>"
+        return _plots.notebook(self.folder / _gap.ARRAYS, self.result)
 
 
 @checked
@@ -238,7 +238,7 @@ def export_model(
     Args:
         model: Result of `find_gap`, its folder, a ``model.yaml`` or a robot.
         to: ``mjcf``, ``urdf``, ``isaac``, ``pace`` or ``ros2_control``.
-        out: Folder; default below ``exports``.
+        out: Folder; default below ``results``.
         replay: Recordings to replay in MuJoCo without loco, for ``.compared``; default the
             held-out ones.
         mapping: Mapping of the recordings.
@@ -258,7 +258,7 @@ def report(bag: Place | Bag, out: Place | None = None, *, gif: bool = True) -> P
 
     Args:
         bag: The recording.
-        out: HTML file; default ``report.html`` in the folder of the bag.
+        out: HTML file, or its folder; default ``report.html`` in the folder of the bag.
         gif: Draw the animation, which takes most of the time.
 
     Raises:

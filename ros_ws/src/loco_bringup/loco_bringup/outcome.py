@@ -68,6 +68,17 @@ def default_folder(experiment: Experiment, root: Path = Path("bags")) -> Path:
     return within(root, f"{experiment.name}_{stamp}", "name of an experiment")
 
 
+def file_at(out: str | Path | None, default: Path) -> Path:
+    """Path of the single file that a command writes, from its option ``--out``.
+
+    Args:
+        out: The file, if it has the ending of `default`, else its folder; None for the default.
+        default: Default path.
+    """
+    path = default if out is None else Path(out)
+    return path if path.suffix == default.suffix and not path.is_dir() else path / default.name
+
+
 def check_new(folder: Path) -> None:
     """Raise `ParameterError` if a folder for a new bag already contains one."""
     if any(Path(folder).glob("*.mcap")):

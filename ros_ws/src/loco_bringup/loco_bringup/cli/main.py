@@ -23,6 +23,8 @@ and a recording differ.
 """
 FOOT = """\
 loco COMMAND --help   shows the options of a command; --version shows the version
+--out is a folder, or the file if a command writes one alone. Without it recordings
+            go to bags/, what is about one recording beside it, all else to results/
 exit codes: 0 done, 1 a run failed (node died, not ready), 2 a mistake in the input,
             3 the robot fell, 130 interrupted
 examples:

@@ -65,7 +65,7 @@ def export_model(
     Args:
         model: Robot, model.yaml, or the folder of results of `loco gap`.
         to: One of `TARGETS`.
-        out: Folder; default ``exports/ROBOT_TARGET``.
+        out: Folder; default ``results/export_ROBOT_TARGET``.
         replay: Recordings of the robot with a fixed base, to check the MJCF; default the
             held-out ones of `loco gap`.
         mapping: Mapping of the recordings.
@@ -96,7 +96,7 @@ def export_model(
         f"{t['effect']}: the model has not got it" for t in terms if t["effect"] not in present
     ]
     documents = WRITERS[to](exported, identified)
-    folder = Path(out) if out is not None else Path("exports") / f"{exported.robot.name}_{to}"
+    folder = Path(out or f"results/export_{exported.robot.name}_{to}")
     _claim(folder)
     records, notes = _records(source, replay, mapping, result) if to == MJCF else ([], [])
     if not identified:

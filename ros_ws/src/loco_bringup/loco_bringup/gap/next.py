@@ -15,6 +15,7 @@ from loco_learning.gap.proposals import pool
 from loco_learning.runs.experiment import Experiment
 from loco_sim.plant import model as models
 
+from ..outcome import file_at
 from . import run as runner
 from . import text
 
@@ -31,7 +32,7 @@ def write_next(
     Args:
         folder: Results of `loco gap`.
         rank: Rank of the proposal; 1 is the best.
-        out: YAML file; by default in the folder.
+        out: YAML file, or its folder; by default in `folder`.
 
     Returns:
         The file, and the row of gap.json.
@@ -50,7 +51,7 @@ def write_next(
     model = models.load_any(runner.load_job(folder).robot)
     selected = pool.choose(pool.pool(model), str(row["experiment"]))
     experiment = pool.within_limits(selected)
-    path = Path(out) if out else folder / f"next_{experiment.name}.yaml"
+    path = file_at(out, folder / f"next_{experiment.name}.yaml")
     return write(experiment, path, f"Proposed by loco gap: {text.next_line(row)}."), row
 
 

@@ -3,14 +3,19 @@
 
 from __future__ import annotations
 
+import base64
+import tempfile
 from collections.abc import Mapping, Sequence
+from html import escape
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from loco_learning.drawing import png
 from loco_learning.drawing.chart import DASHED, GREY, PALETTE, Axis, Chart, Frame, dots, line
 from loco_learning.gap.localisation import figures
-from loco_learning.gap.localisation.curves import Curve, Curves
+from loco_learning.gap.localisation.curves import Curve, Curves, load
 from loco_learning.gap.preview.visible import LARGE, NO, YES
 
 from ..page.plot import BUDGET, Line, Panel, Plot
@@ -43,6 +48,31 @@ def worst(curves: Curves, models: Sequence[str] = BOTH) -> Plot:
     curve = figures.worst_record(curves, columns)
     panels = _panels(curves, curve, columns[0], models)
     return Plot(curve.t, panels, axis=_axis(curve), view=_view(curve, columns))
+
+
+def notebook(arrays: Path, result: Mapping[str, Any]) -> str:
+    """HTML text of a result in a notebook: its summary, and a PNG of the plot `worst`.
+
+    Args:
+        arrays: File of the curves; without it, as after a wrong set-up, there is no picture.
+        result: Contents of ``gap.json``.
+    """
+    summary = f"<pre>{escape(text.summary(result))}</pre>"
+    if not arrays.is_file():
+        return summary
+    plot, frames = worst(load(arrays), text.told(result)), []
+    for panel in plot.panels:
+        layers = []
+        for one in panel.lines:
+            known, style = np.isfinite(one.values), {"shape": DASHED} if one.dashed else {}
+            x, y = plot.x[known], one.values[known]
+            layers.append(line(one.name, x, y, one.color, size=one.width, **style))
+        across = Axis(plot.axis, limits=plot.view)
+        frames.append(Frame(across, Axis(panel.label, limits=panel.limits), layers))
+    with tempfile.TemporaryDirectory() as place:
+        drawn = png.write(Chart(frames), Path(place, "gap.png")).read_bytes()
+    source = f"data:image/png;base64,{base64.b64encode(drawn).decode()}"
+    return f'{summary}<img alt="The largest gap, before and after" src="{source}">'
 
 
 def _panels(curves: Curves, curve: Curve, c: int, models: Sequence[str]) -> list[Panel]:

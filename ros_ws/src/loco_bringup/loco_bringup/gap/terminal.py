@@ -116,7 +116,7 @@ def show_next(a: argparse.Namespace) -> int:
 
 def show_library(a: argparse.Namespace) -> int:
     """`loco gap experiments`: write the experiments of a robot."""
-    folder = a.out or Path("experiments") / Path(a.robot).stem
+    folder = a.out or Path("results") / f"experiments_{Path(a.robot).stem}"
     for path in write_library(a.robot, folder):
         console.print(f"  {path}")
     return 0

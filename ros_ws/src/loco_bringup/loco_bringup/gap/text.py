@@ -161,6 +161,11 @@ def closed_rms(gap: Mapping[str, Any]) -> str:
     return f"{round(100.0 * gap['closed']):d} %"
 
 
+def summary(result: Result) -> str:
+    """Headline, terms and gap of a result, one per line."""
+    return "\n  ".join([headline(result), *term_lines(result), gap_line(result)]).rstrip()
+
+
 def told(result: Result, keys: Sequence[str] = ("before", "after")) -> list[str]:
     """Keys of the available gap figures; only ``before`` if the verdict is unknown."""
     stages = [key for key in keys if result["gap"].get(key) is not None]

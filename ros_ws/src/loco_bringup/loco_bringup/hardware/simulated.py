@@ -36,6 +36,7 @@ def make_bus(file: Path, robot: str, out: Path, effects: Sequence[dict[str, Any]
     bus = SimulatedBus(wiring.load(file, loaded), loaded, from_list(effects))
     values = read_yaml(file, "wiring file")
     values["bus"] = {"latency": _TIMEOUT, **(values.get("bus") or {}), "port": bus.port}
+    out.parent.mkdir(parents=True, exist_ok=True)
     out.write_text(yaml.safe_dump(values, sort_keys=False))
     return bus
 

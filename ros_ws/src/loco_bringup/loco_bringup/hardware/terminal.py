@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import argparse
 import time
+from pathlib import Path
 
 from loco_control.exceptions import ParameterError
 from loco_control.reading import parse_yaml
@@ -12,8 +13,11 @@ from loco_sim.hardware import wiring
 from loco_sim.hardware.dynamixel import ServoRobot
 from loco_sim.robot import robot as robots
 
+from ..outcome import file_at
 from ..terminal import console
 from .simulated import Failing, make_bus
+
+FILE = Path("results/simulated_servos.yaml")
 
 
 def show_servos(a: argparse.Namespace) -> int:
@@ -40,13 +44,14 @@ def simulate(a: argparse.Namespace) -> int:
     Raises:
         LocoError: The file does not match the robot, or an option is wrong.
     """
-    if a.out.exists() and a.out.samefile(a.file):
-        raise ParameterError(f"--out {a.out} is the wiring file itself; choose another file")
+    out = file_at(a.out, FILE)
+    if out.exists() and out.samefile(a.file):
+        raise ParameterError(f"--out {out} is the wiring file itself; choose another file")
     failing = Failing(a.fault)
-    bus = make_bus(a.file, a.robot, a.out, parse_yaml(a.effects, "--effects") or [])
+    bus = make_bus(a.file, a.robot, out, parse_yaml(a.effects, "--effects") or [])
     try:
         failing.check(bus, sorted(bus.torques))
-        console.print(f"servos of {a.robot} at {bus.port}; wiring file {a.out}")
+        console.print(f"servos of {a.robot} at {bus.port}; wiring file {out}")
         start_time = time.monotonic()
 
         def ended() -> bool:

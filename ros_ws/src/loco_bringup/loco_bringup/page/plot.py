@@ -89,7 +89,7 @@ def data_of(title: str, plot: Plot) -> dict[str, Any]:
     lines = [line for panel in plot.panels for line in panel.lines]
     every = max(1, -(-len(plot.x) * len(lines) // BUDGET))
     logs = [panel.logarithmic for panel in plot.panels for _ in panel.lines]
-    packed = [pack(line.values[::every], log) for line, log in zip(lines, logs, strict=True)]
+    packed = [pack(thinned(line.values, every), log) for line, log in zip(lines, logs, strict=True)]
     arrays = iter(packed)
     return {
         "title": title, "axis": plot.axis, "log": "[Hz]" in plot.axis,
@@ -109,6 +109,17 @@ def data_of(title: str, plot: Plot) -> dict[str, Any]:
             for panel in plot.panels
         ],
     }  # fmt: skip
+
+
+def thinned(values: np.ndarray, every: int) -> np.ndarray:
+    """First known value of every so many, (M,); NaN where none is known.
+
+    A signal that is slower than the axis, whose values are NaN in between, keeps its values.
+    """
+    padded = np.full(-(-len(values) // every) * every, np.nan)
+    padded[: len(values)] = values
+    rows = padded.reshape(-1, every)
+    return rows[np.arange(len(rows)), np.isfinite(rows).argmax(axis=1)]
 
 
 def _axis(x: np.ndarray) -> np.ndarray:

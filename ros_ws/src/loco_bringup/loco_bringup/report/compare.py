@@ -23,6 +23,7 @@ from loco_learning.runs.log import Log
 
 from ..bag.foreign.opening import open_bag
 from ..logs.bag_log import read_log
+from ..outcome import file_at
 from ..page import html
 from ..page.plot import Line, Panel, Plot
 from ..page.style import spans
@@ -31,11 +32,13 @@ from .figures import close_look
 from .joint_figures import short
 from .parts import label, unit
 
+PAGE = Path("results/compare.html")
+
 
 def show_comparison(a: argparse.Namespace) -> int:
     """Write the page about some bags; print the verdict, the differing metrics and the path."""
     logs = read_runs(a.bag)
-    written, comparisons = write_whole(a.out, page(logs)), compared(logs)
+    written, comparisons = write_whole(file_at(a.out, PAGE), page(logs)), compared(logs)
     for line in (verdict(logs, comparisons)[0], *falls(logs), *map(sentence, comparisons)):
         console.print(line)
     console.print(str(written))

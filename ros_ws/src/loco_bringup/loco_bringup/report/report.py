@@ -15,6 +15,7 @@ from loco_control.exceptions import LocoError, MissingFileError
 from ..bag.foreign.opening import open_bag
 from ..bag.reader import Bag
 from ..logs.bag_log import read_log
+from ..outcome import file_at
 from ..terminal import console
 from . import live, network, robot
 from .live_log import is_live, read_live
@@ -33,7 +34,7 @@ def write_report(bag: Bag | str | Path, out: str | Path | None = None, gif: bool
 
     Args:
         bag: Bag folder or ``.mcap`` file.
-        out: HTML file; default ``report.html`` in the folder of the bag.
+        out: HTML file, or its folder; default ``report.html`` in the folder of the bag.
         gif: Whether to draw the animation; it is also written as ``gait.gif`` beside the page.
 
     Returns:
@@ -44,9 +45,7 @@ def write_report(bag: Bag | str | Path, out: str | Path | None = None, gif: bool
         BagError: The bag is not a run of loco.
     """
     bag = bag if isinstance(bag, Bag) else open_bag(bag)
-    out = bag.folder / "report.html" if out is None else Path(out)
-    if out.is_dir():
-        out = out / "report.html"
+    out = file_at(out, bag.folder / "report.html")
     try:
         out.parent.mkdir(parents=True, exist_ok=True)
         out.write_text(page_of(bag, out.parent / GIF if gif else None), encoding="utf-8")

@@ -6,7 +6,7 @@ from __future__ import annotations
 from argparse import ArgumentParser
 from pathlib import Path
 
-from .registry import group, option
+from .registry import add_out, folder, group, option
 from .run import split
 
 command = group("Record and read bags")
@@ -24,7 +24,7 @@ def record(p: ArgumentParser) -> None:
     Ctrl-C ends it.
     """
     p.add_argument("topics", nargs="*", help="names (default all)")
-    option(p, "--out", Path, "new bag folder (default bags/record_TIME)")
+    add_out(p, "new bag folder (default bags/record_TIME)")
     option(p, "--exclude", "", "leave out names that match", "REGEX")
     option(p, "--duration", 0.0, "stop after so many seconds")
     option(p, "--messages", 0, "stop after so many messages")
@@ -72,7 +72,7 @@ def info(p: ArgumentParser) -> None:
 def report(p: ArgumentParser) -> None:
     """Options of `loco report`."""
     _bag(p)
-    option(p, "--out", Path, "HTML file (default report.html in the bag folder)")
+    add_out(p, "HTML file, or its folder (default BAG/report.html)", file=True)
     option(p, "--no-gif", False, "leave the animation out (faster)")
 
 
@@ -81,7 +81,7 @@ def report(p: ArgumentParser) -> None:
 def compare(p: ArgumentParser) -> None:
     """Options of `loco compare`."""
     p.add_argument("bag", type=Path, nargs="+", help="bags of one robot, the reference first")
-    option(p, "--out", Path("compare.html"), "HTML file (default compare.html here)")
+    add_out(p, "HTML file, or its folder (default results/compare.html)", file=True)
 
 
 @command("view --layouts", "view.layouts_terminal:show_layouts",
@@ -93,8 +93,9 @@ def view(p: ArgumentParser) -> None:
     p.add_argument("bag", type=Path, nargs="*",
                    help="bags of runs, or a folder of results of `loco gap`")  # fmt: skip
     option(p, "--save", Path, "write this .rrd file and start no viewer")
-    p.add_argument("--layouts", type=Path, nargs="?", const=Path("layouts"), metavar="DIR",
-                   help="write layouts for Foxglove and RViz (default: into layouts/)")  # fmt: skip
+    p.add_argument("--layouts", type=folder, nargs="?", const=Path("results/layouts"),
+                   metavar="DIR", help="write layouts for Foxglove and RViz (default "
+                   "results/layouts)")  # fmt: skip
 
 
 @command("recover", "cli.bags:recover", "make a whole bag of a damaged or unfinished one")
@@ -104,7 +105,7 @@ def recover(p: ArgumentParser) -> None:
     Copies every complete chunk and lists what is lost. The new folder appears when it is complete.
     """
     _bag(p)
-    option(p, "--out", Path, "new bag folder (default BAG_recovered)")
+    add_out(p, "new bag folder (default BAG_recovered)")
 
 
 @command("export", "cli.bags:export", "write topics of a bag as CSV or NumPy files")
@@ -114,7 +115,7 @@ def export(p: ArgumentParser) -> None:
     Writes one file per topic: columns for messages of constant layout, JSON lines for the others.
     """
     _bag(p)
-    option(p, "--out", Path, "folder (default BAG/export)")
+    add_out(p, "folder (default BAG/export)")
     p.add_argument("--format", default="npz", choices=("npz", "csv"), help="default npz")
     p.add_argument("--topics", nargs="+", help="only these topics")
 
@@ -123,7 +124,7 @@ def export(p: ArgumentParser) -> None:
 def extract(p: ArgumentParser) -> None:
     """Options of `loco extract`."""
     _bag(p)
-    p.add_argument("out", type=Path, help="new bag folder")
+    p.add_argument("out", type=folder, help="new bag folder")
     p.add_argument("--topics", nargs="+", metavar="TOPIC[:N]",
                    help="names, with N each N-th message (default all)")  # fmt: skip
     split(p)

@@ -3,19 +3,13 @@
 
 from __future__ import annotations
 
-from argparse import SUPPRESS, ArgumentParser
+from argparse import ArgumentParser
 from pathlib import Path
 
-from .registry import group, option
+from .registry import add_out, group, option
 from .run import SCHEDULER, engine, live
 
 command = group("Find out why a model and a robot differ")
-
-
-def add_out(p: ArgumentParser, text: str) -> None:
-    """Add the option ``--out`` and its older name ``--output``, which is hidden in the help."""
-    option(p, "--out", Path, text, "DIR")
-    p.add_argument("--output", dest="out", type=Path, help=SUPPRESS)
 
 
 @command("gap --live", "live.terminal:show_gap",
@@ -92,7 +86,7 @@ def draft(p: ArgumentParser) -> None:
     p.add_argument("file", metavar="FILE", help="CSV, JSON or other table, a folder of them, or a "
                    "bag")  # fmt: skip
     option(p, "--robot", str, "robot, robot.yaml or model.yaml, whose joints are looked for")
-    option(p, "--out", Path, "file to write (default: print it)", "YAML")
+    add_out(p, "YAML file to write, or its folder (default: print it)", file=True)
 
 
 @command("gap next", "gap.terminal:show_next",
@@ -101,7 +95,7 @@ def next_experiment(p: ArgumentParser) -> None:
     """Options of `loco gap next`."""
     p.add_argument("folder", type=Path, help="folder of results of `loco gap`")
     option(p, "--rank", 1, "1 is the best, then the next (default 1)")
-    option(p, "--out", Path, "YAML file (default DIR/next_EXPERIMENT.yaml)")
+    add_out(p, "YAML file, or its folder (default DIR/next_EXPERIMENT.yaml)", file=True)
 
 
 @command("gap experiments", "gap.terminal:show_library",
@@ -109,7 +103,7 @@ def next_experiment(p: ArgumentParser) -> None:
 def experiments(p: ArgumentParser) -> None:
     """Options of `loco gap experiments`."""
     p.add_argument("robot", help="robot, robot.yaml or model.yaml")
-    add_out(p, "folder of the experiments (default experiments/ROBOT)")
+    add_out(p, "folder of the experiments (default results/experiments_ROBOT)")
 
 
 @command("export-model", "export_model.terminal:show_export",
@@ -129,7 +123,7 @@ def export_model(p: ArgumentParser) -> None:
     p.add_argument("--gear", choices=("elastic", "rigid"),
                    help="mjcf: elastic, with a joint for each servo's rotor (default), or rigid, "
                    "with the robot's joints alone")  # fmt: skip
-    add_out(p, "folder (default exports/ROBOT_TARGET)")
+    add_out(p, "folder (default results/export_ROBOT_TARGET)")
 
 
 @command("calibrate --live", "live.terminal:show_calibration",
@@ -154,7 +148,7 @@ def calibrate(p: ArgumentParser) -> None:
     option(p, "--generations", int, "most generations of a search")
     p.add_argument("--validate", type=Path, nargs="*", default=[], metavar="BAG",
                    help="recordings that are compared but not fitted")  # fmt: skip
-    option(p, "--out", Path, "results folder (default results/calibration_BAG)")
+    add_out(p, "results folder (default results/calibration_BAG)")
     option(p, "--workers", 2, "processes (default 2)")
     option(p, "--scheduler", "", SCHEDULER)
     live(p, "no bag: start a surrogate robot and a model, fit over topics")

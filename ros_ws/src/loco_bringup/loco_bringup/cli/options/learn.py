@@ -6,7 +6,7 @@ from __future__ import annotations
 from argparse import ArgumentParser
 from pathlib import Path
 
-from .registry import group, option
+from .registry import add_out, group, option
 from .run import SCHEDULER, engine
 
 command = group("Learn from many runs")
@@ -31,7 +31,7 @@ def study(p: ArgumentParser) -> None:
     engine(p)
     p.add_argument("study", help="name (see `loco list studies`) or path of a YAML file")
     option(p, "--workers", 2, "processes (default 2)")
-    option(p, "--out", Path, "results folder (default results/NAME)")
+    add_out(p, "results folder (default results/NAME)")
     option(p, "--seeds", int, "only the first N seeds")
     option(p, "--points", int, "points on each spaced axis of a grid, fewer or more")
     option(p, "--cost", False, "run three cases, tell the core-hours of the rest, and stop")
@@ -63,7 +63,7 @@ def optimise(p: ArgumentParser) -> None:
                    help="start from the parameters of a gait")  # fmt: skip
     option(p, "--workers", 2, "processes (default 2)")
     option(p, "--scheduler", "", SCHEDULER)
-    option(p, "--out", Path, "folder (default results/GAIT)")
+    add_out(p, "folder (default results/GAIT)")
     option(p, "--gif", False, "draw the best gait, too")
 
 
@@ -109,7 +109,7 @@ def _episodes(p: ArgumentParser) -> None:
     option(p, "--set", list, "override one value of the experiment (repeatable)", "KEY=VALUE")
     option(p, "--trials", 4, "trials of each condition before and after, 0 for none")
     option(p, "--test", 60.0, "length of the run that reinforced.yaml describes [s]")
-    option(p, "--out", Path, "folder (default results/NAME_reinforce or _ppo)")
+    add_out(p, "folder (default results/NAME_reinforce or _ppo)")
 
 
 @command("reinforce contest", "reinforce.contest:run",
@@ -120,7 +120,7 @@ def reinforce_contest(p: ArgumentParser) -> None:
     option(p, "--seconds", 600.0, "simulated time of each way [s]")
     option(p, "--seeds", 5, "seeds of each way (default 5)")
     option(p, "--workers", 2, "processes (default 2)")
-    option(p, "--out", Path, "results folder (default results/reinforce_contest)")
+    add_out(p, "results folder (default results/reinforce_contest)")
 
 
 @command("reproduce", "reproduce.terminal:run",
@@ -140,4 +140,4 @@ def reproduce(p: ArgumentParser) -> None:
     p.add_argument("--preset", default="thesis", choices=("thesis", "author_code"), help="for msd")
     option(p, "--workers", 2, "processes (default 2)")
     option(p, "--scheduler", "", SCHEDULER)
-    option(p, "--out", Path, "results (default results/thesis_PLAN or msd_PRESET_PLAN)", "DIR")
+    add_out(p, "results (default results/thesis_PLAN or msd_PRESET_PLAN)")

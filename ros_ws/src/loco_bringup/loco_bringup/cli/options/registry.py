@@ -3,10 +3,12 @@
 
 from __future__ import annotations
 
-from argparse import ArgumentParser
+from argparse import SUPPRESS, ArgumentParser, ArgumentTypeError
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, NamedTuple
+
+FILES = (".html", ".yaml", ".yml", ".json", ".csv", ".mcap")  # endings of no folder that is meant
 
 Options = Callable[[ArgumentParser], None]
 
@@ -78,3 +80,30 @@ def option(p: ArgumentParser, flag: str, value: Any, text: str, metavar: str | N
     else:
         kind = Path if isinstance(value, Path) else type(value)
         p.add_argument(flag, type=kind, default=value, metavar=metavar, help=text)
+
+
+def add_out(
+    p: ArgumentParser, text: str, file: bool = False, default: Path | None = None
+) -> None:
+    """Add the option ``--out``, by one rule for all commands, and its older name ``--output``.
+
+    It names a folder. Of a command that writes a single file it may name the file, too; see
+    `outcome.file_at`.
+
+    Args:
+        p: Parser of the command.
+        text: Line of help: what is written, and the default.
+        file: Whether the command writes a single file.
+        default: Value without the option.
+    """
+    kind, metavar = (Path, "PATH") if file else (folder, "DIR")
+    p.add_argument("--out", type=kind, default=default, metavar=metavar, help=text)
+    p.add_argument("--output", dest="out", type=kind, default=default, help=SUPPRESS)
+
+
+def folder(text: str) -> Path:
+    """Path of a folder from the command line; raises `ArgumentTypeError` if it is a file's."""
+    path = Path(text)
+    if path.is_file() or (path.suffix in FILES and not path.is_dir()):
+        raise ArgumentTypeError(f"a folder is written, and {text!r} is the name of a file")
+    return path

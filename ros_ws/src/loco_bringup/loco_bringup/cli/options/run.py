@@ -9,7 +9,7 @@ from pathlib import Path
 from loco_sim.engines import ENGINES
 
 from ...graph.start import StartLimits
-from .registry import group, option
+from .registry import add_out, group, option
 
 command = group("Run robots")
 
@@ -46,7 +46,7 @@ def live(p: ArgumentParser, text: str) -> None:
 @command("demo", "cli.demo:run_demo", "run hyq_trot_reflex, replay its bag, write its report")
 def demo(p: ArgumentParser) -> None:
     """Options of `loco demo`."""
-    option(p, "--out", Path, "new bag folder (default bags/NAME_TIME)")
+    add_out(p, "new bag folder (default bags/NAME_TIME)")
 
 
 @command("run --layout rollout", "cli.rollout:run",
@@ -88,7 +88,7 @@ def run(p: ArgumentParser) -> None:
     option(p, "--hardware", "", "servos of a real robot that takes the place of the simulated one, "
            "in real time", "FILE")  # fmt: skip
     option(p, "--namespace", "", "namespace of all nodes")
-    option(p, "--out", Path, "new bag folder (default bags/NAME_TIME)")
+    add_out(p, "new bag folder (default bags/NAME_TIME)")
     split(p)
     option(p, "--report", False, "write the report when it is done")
     option(p, "--view", False, "show it in Rerun when it is done")
@@ -125,7 +125,7 @@ def robot_new(p: ArgumentParser) -> None:
     docs/robot_yaml.md explains each key of robot.yaml.
     """
     p.add_argument("urdf", type=Path, help="URDF, xacro or MJCF, as in a ROS package or a download")
-    option(p, "--out", Path, "new folder (default: the name of the file)", "DIR")
+    add_out(p, "new folder, which is yours (default: here, by the name of the file)")
 
 
 @command("list", "cli.listing:show", "show experiments, robots, studies, effects, topics and bags")
@@ -146,7 +146,7 @@ def schema(p: ArgumentParser) -> None:
     """
     p.add_argument("kind", nargs="?", help="kind of file", choices=(
         "experiment", "robot", "model", "gait", "study", "mapping", "wiring", "plan"))  # fmt: skip
-    option(p, "--out", Path, "folder that gets a file of each kind, or of one")
+    add_out(p, "folder that gets a file of each kind, or of one (default: print)")
 
 
 @command("top", "doctor.top:show_top", "show the running graph: rates, lateness, drops, CPU, phase")
@@ -182,8 +182,8 @@ def hardware(p: ArgumentParser) -> None:
 def hardware_simulate(p: ArgumentParser) -> None:
     """Options of `loco hardware simulate`."""
     hardware(p)
-    option(p, "--out", Path("simulated_servos.yaml"), "wiring file with the port of the simulated "
-           "bus (default %(default)s)", "FILE")  # fmt: skip
+    add_out(p, "wiring file with the port of the simulated bus, or its folder "
+            "(default results/simulated_servos.yaml)", file=True)  # fmt: skip
     option(p, "--effects", "[]", "departures from the ideal robot, as in experiments", "YAML")
     option(p, "--fault", list, "lost=SHARE or garbled=SHARE of packets, silent=ID, hot=ID; from S "
            "seconds on", "KIND=VALUE[@S]")  # fmt: skip

@@ -6,8 +6,7 @@ from __future__ import annotations
 from argparse import ArgumentParser
 from pathlib import Path
 
-from .gap import add_out
-from .registry import group, option
+from .registry import add_out, group, option
 
 command = group("Work on loco itself")
 
@@ -95,7 +94,7 @@ def chaos(p: ArgumentParser) -> None:
     option(p, "--repeats", 20, "runs of each cell (default 20)")
     option(p, "--seed", 0, "seed of moments and draws")
     option(p, "--only", "", "cells whose name has it, e.g. SIGSTOP, faults_stance", "TEXT")
-    option(p, "--out", Path("results/chaos"), "results folder")
+    add_out(p, "results folder (default results/chaos)", default=Path("results/chaos"))
 
 
 @command("crash", "loco_workshop.stress.crash_terminal:show_crash", "kill long commands and fill "
@@ -113,7 +112,7 @@ def crash(p: ArgumentParser) -> None:
     option(p, "--disks", 5, "full disks of each (default 5)")
     option(p, "--seed", 0, "seed of moments and sizes")
     p.add_argument("--only", nargs="+", metavar="NAME", help="these commands only")
-    option(p, "--out", Path("results/crash"), "results folder")
+    add_out(p, "results folder (default results/crash)", default=Path("results/crash"))
 
 
 @command("fuzz", "loco_workshop.fuzz.terminal:show_fuzz", "damage input for the parsers of files, "
@@ -134,7 +133,7 @@ def fuzz(p: ArgumentParser) -> None:
     option(p, "--damage", "any", "any (default), cut (truncations) or flip (one byte each)")
     option(p, "--workers", 2, "targets at a time (default 2)")
     option(p, "--seed", 0, "seed of all damage")
-    option(p, "--out", Path("results/fuzz"), "folder of the finds")
+    add_out(p, "folder of the finds (default results/fuzz)", default=Path("results/fuzz"))
 
 
 @command("mutants", "loco_workshop.mutants.terminal:show_mutants", "change the code that protects, "
@@ -152,7 +151,7 @@ def mutants(p: ArgumentParser) -> None:
     option(p, "--workers", 2, "mutants tested at a time (default 2)")
     option(p, "--by-hand", False, "only those made by hand")
     option(p, "--survivors", False, "after a change of tests: only what they had not noticed")
-    option(p, "--out", Path("results/mutants"), "results folder")
+    add_out(p, "results folder (default results/mutants)", default=Path("results/mutants"))
 
 
 @command("soak", "loco_workshop.stress.soak_terminal:show_soak",
@@ -167,7 +166,7 @@ def soak(p: ArgumentParser) -> None:
     option(p, "--ticks", 1_000_000, "how long (default 1,000,000)")
     option(p, "--layout", "composed", "composed or processes")
     option(p, "--clock", "lockstep", "lockstep, asap or realtime")
-    option(p, "--out", Path, "folder of table and picture (default results/soak)")
+    add_out(p, "folder of table and picture (default results/soak)")
 
 
 @command("docs", "loco_workshop.docs.reference:show_docs",
@@ -177,4 +176,4 @@ def docs(p: ArgumentParser) -> None:
     option(p, "--write", False, "write them into docs/")
     option(p, "--figures", False, "draw the pictures of the effects anew")
     option(p, "--site", False, "build all pages as a site")
-    option(p, "--out", "site", "folder of the site (default: site)")
+    add_out(p, "folder of the site (default site)", default=Path("site"))

@@ -15,6 +15,7 @@ from loco_learning.gap.recordings import importing, mapping, tables
 from loco_sim.plant import model as models
 
 from ...bag.foreign.opening import open_bag, suffix_of
+from ...outcome import file_at
 from .topics import of_bag
 
 
@@ -27,12 +28,13 @@ def show_draft(a: argparse.Namespace) -> int:
     Raises:
         LocoError: The recording cannot be read, or the file exists already.
     """
-    if a.out and a.out.exists():
-        raise ParameterError(f"{a.out} is there already; choose another --out, or remove it")
+    file = file_at(a.out, Path(mapping.FILE)) if a.out else None
+    if file and file.exists():
+        raise ParameterError(f"{file} is there already; choose another --out, or remove it")
     joints = models.load_any(a.robot).make_robot().joints if a.robot else ()
     text = draft(a.file, joints)
-    if a.out:
-        sys.stdout.write(f"{write_whole(a.out, text)}\n")
+    if file:
+        sys.stdout.write(f"{write_whole(file, text)}\n")
     else:
         sys.stdout.write(text)
     return 0

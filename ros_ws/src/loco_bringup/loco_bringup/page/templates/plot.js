@@ -18,6 +18,13 @@ function values([low, high], differences, log) {
     return log ? 10 ** value : value;
   });
 }
+// A signal that is slower than the axis has values at few of its places: a line is interrupted only
+// where they are missing for longer than this many times its usual interval.
+const PAUSE = 2.5;
+function pauseOf(x, y) {
+  const known = x.filter((_, i) => y[i] != null), steps = known.slice(1).map((at, i) => at - known[i]).sort((a, b) => a - b);
+  return steps.length ? PAUSE * steps[steps.length >> 1] : Infinity;
+}
 function brief(value) { return value == null ? "–" : String(+value.toPrecision(4)); }
 // Of a logarithmic axis only the powers of ten have a line.
 function tens(chart, places) { return places.map((v) => (v > 0 && Math.abs(Math.log10(v) % 1) < 1e-9 ? v : null)); }
@@ -70,6 +77,14 @@ async function drawPlot(figure, data) {
   const legend = add(figure, "div", "legend"), names = new Map();
   data.panels.forEach((panel, index) => {
     const own = panel.lines.map((line) => columns[columns.push(values(line.ends, next(), panel.log)) - 1]);
+    const pauses = own.map((y) => pauseOf(x, y));
+    const newest = (k, i) => {  // the last value, unless it is of before a pause
+      let j = i;
+      while (j > 0 && own[k][j] == null && x[i] - x[j - 1] <= pauses[k]) j--;
+      return own[k][j];
+    };
+    const long = (u, s, first, last, gaps) => data.log ? gaps : gaps.filter(([from, to]) =>
+      (to - from) / u.bbox.width * (u.scales.x.max - u.scales.x.min) > pauses[s - 1]);
     const head = add(figure, "div", "head", panel.label + " "), read = add(head, "span", "read");
     const last = index === data.panels.length - 1;
     const look = { stroke: () => ink("var(--soft)"), font: "11px system-ui, sans-serif",
@@ -83,14 +98,14 @@ async function drawPlot(figure, data) {
           labelFont: "12px system-ui, sans-serif", values: last ? undefined : (u, ticks) => ticks.map(() => "") },
         { ...look, ...(panel.log ? { grid: { ...look.grid, filter: tens } } : {}), size: 58, values: (u, ticks) => ticks.map((v) => (v == null ? "" : brief(v))) }],
       series: [{}, ...panel.lines.map((line) => ({ label: line.name, width: line.width, stroke: () => ink(line.color),
-        dash: line.dashed ? [6, 4] : undefined, points: { show: false } }))],
+        dash: line.dashed ? [6, 4] : undefined, gaps: long, points: { show: false } }))],
       hooks: {
         drawClear: [(u) => shade(u, data.spans, false)],
         draw: [(u) => { if (index === 0) shade(u, data.spans, true); }],
         setCursor: [(u) => {
           const i = u.cursor.idx;
           read.textContent = i == null ? "" : `${data.axis.split(" ")[0]} ${brief(x[i])}: ` +
-            panel.lines.map((l, k) => `${l.name} ${brief(own[k][i])}`).join(" · ");
+            panel.lines.map((l, k) => `${l.name} ${brief(newest(k, i))}`).join(" · ");
         }],
       },
     }, [x, ...own], figure);
