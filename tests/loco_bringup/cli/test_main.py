@@ -300,6 +300,33 @@ def test_trouble_with_files_is_one_line_and_code_2(
     assert re.search(message, err), err
 
 
+@pytest.mark.parametrize(
+    "error",
+    [
+        MemoryError("Unable to allocate 8 GiB"),
+        ImportError("_arpacklib.so: failed to map segment from shared object"),
+    ],
+    ids=lambda error: type(error).__name__,
+)
+def test_too_little_memory_is_one_line(run, monkeypatch, error):
+    def refuse(a):
+        raise error
+
+    monkeypatch.setattr(listing, "show", refuse)
+    code, _, err = run("list")
+    assert code == 1
+    assert err.startswith("loco: there is not enough memory; ") and err.count("\n") == 1
+
+
+def test_a_package_that_is_broken_is_no_lack_of_memory(run, monkeypatch):
+    def refuse(a):
+        raise ImportError("cannot import name 'x'")
+
+    monkeypatch.setattr(listing, "show", refuse)
+    with pytest.raises(ImportError, match="cannot import"):
+        run("list")
+
+
 @pytest.mark.parametrize("number", [errno.ENOSPC, errno.EROFS, errno.EACCES, errno.EDQUOT])
 def test_an_error_of_the_system_names_the_file_and_a_way_out(run, monkeypatch, number):
     def refuse(a):

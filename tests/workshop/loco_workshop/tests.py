@@ -1,12 +1,20 @@
 # SPDX-License-Identifier: Apache-2.0
-"""`loco test`: run the tests of the clone."""
+"""`loco test`: run the tests of the clone, and keep figures of some selections of them."""
 
 from __future__ import annotations
 
+import json
+import os
 import subprocess
 import sys
+import tempfile
+import xml.etree.ElementTree as ET
+from datetime import UTC, datetime
+from pathlib import Path
 
 from loco_bringup.cli.clone import root
+
+from .reliability.figures import keep
 
 # `loco test` without arguments: all tests, two workers, with coverage including node processes.
 # The slowest tests are listed in each run.
@@ -20,6 +28,14 @@ KERNELS = ["-q", "-n", "2", "--dist", "loadfile", "--no-loadscope-reorder",
            "tests/loco_control/stance/test_controller.py", "tests/loco_sim/msd/test_simulation.py",
            "tests/loco_sim/plant/test_compiled.py"]  # fmt: skip
 
+# Selections of tests whose figures are kept: arguments, and what is required.
+SUITES: dict[str, tuple[list[str], str]] = {
+    "network": (
+        ["tests/ros/test_network.py", "tests/ros/test_discovery.py"], "all pass, none is skipped",
+    ),
+    "whole suite": ([], "all pass, and cover 90 % of the lines"),
+}  # fmt: skip
+
 
 def run_tests(arguments: list[str]) -> int:
     """Run pytest in the root folder of the clone.
@@ -30,6 +46,32 @@ def run_tests(arguments: list[str]) -> int:
     Returns:
         The exit code of pytest.
     """
-    for chosen in [arguments] if arguments else [KERNELS, ALL_TESTS]:
-        code = subprocess.run([sys.executable, "-m", "pytest", *chosen], cwd=root()).returncode
+    name = next((name for name, (words, _) in SUITES.items() if words == arguments), "")
+    with tempfile.TemporaryDirectory() as folder:
+        results, coverage = Path(folder, "tests.xml"), Path(folder, "coverage.json")
+        for chosen in [arguments] if arguments else [KERNELS, ALL_TESTS]:
+            kept = [f"--junitxml={results}"] if name else []
+            kept += [f"--cov-report=json:{coverage}"] if "--cov" in chosen else []
+            words = [sys.executable, "-m", "pytest", *kept, *chosen]
+            code = subprocess.run(words, cwd=root()).returncode
+        if name and results.exists():
+            _keep(name, results, coverage)
     return code
+
+
+def _keep(name: str, results: Path, coverage: Path) -> None:
+    """Keep counts, coverage and load of a selection of tests."""
+    suite = ET.parse(results).getroot().find("testsuite")
+    count = {key: int(suite.get(key)) for key in ("tests", "failures", "errors", "skipped")}
+    failed = count["failures"] + count["errors"]
+    passed = count["tests"] - failed - count["skipped"]
+    holds = passed > 0 and not failed and not (name == "network" and count["skipped"])
+    figures = {"passed": passed, "failed": failed, "skipped": count["skipped"]}
+    figures |= {"minutes": round(float(suite.get("time")) / 60.0, 1)}
+    figures |= {"load": round(os.getloadavg()[2], 1)}
+    if coverage.exists():
+        share = json.loads(coverage.read_text())["totals"]["percent_covered"]
+        figures["covered %"] = round(share, 1)
+        holds = holds and share >= 90.0
+    part = name if SUITES[name][0] else f"{datetime.now(UTC):%Y-%m-%d %H:%M}"
+    keep(root() / "results" / name.replace(" ", "_"), name, {part: (holds, figures)})

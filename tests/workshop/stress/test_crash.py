@@ -165,3 +165,39 @@ def test_an_interrupt_leaves_no_run_behind(monkeypatch):
     with pytest.raises(KeyboardInterrupt):
         crash.finish(process)
     assert process.returncode == -signal.SIGKILL
+
+
+def test_an_interrupt_in_the_work_leaves_no_run_behind(toy, tmp_path, monkeypatch):
+    made = toy()
+    monkeypatch.setattr(crash, "_Trial", lambda *_: made)
+    monkeypatch.setattr(crash, "prepare", lambda *_: None)
+    monkeypatch.setattr(made, "undisturbed", lambda: None)
+
+    def interrupted(process, seconds):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(crash, "_runs", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        crash.run("study", 1, 0, 0, tmp_path, lambda row: None)
+    assert made._processes[-1].returncode == -signal.SIGKILL
+
+
+def test_a_command_that_is_never_hit_is_told(toy, monkeypatch):
+    made = toy()
+    monkeypatch.setattr(made, "disturb", lambda way: False)
+    made.hit("SIGINT")
+    assert made.row.notes == ["run 0: 10 runs in a row were not hit by SIGINT"]
+
+
+def test_a_run_is_interrupted_though_the_harness_is_in_the_background():
+    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
+    try:
+        process = crash.start(["top"])
+    finally:
+        signal.signal(signal.SIGINT, before)
+    code = None
+    while code is None:  # until Python has its handler, the signal ends it without a word
+        process.send_signal(signal.SIGINT)
+        code = process.poll()
+    process.communicate()
+    assert code in (-signal.SIGINT, crash.INTERRUPTED)

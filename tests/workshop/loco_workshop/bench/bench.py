@@ -24,9 +24,10 @@ from loco_learning.runs.experiment import load
 from loco_learning.runs.rollout import build
 from loco_msgs.msg import RobotState
 
+from ..reliability.figures import keep
 from .bag import bench_bag
 from .bolted import bench_bolted
-from .damage import bench_damage
+from .damage import COLUMNS, HARM, bench_damage
 from .effects import bench_effects
 from .engines import bench_engines
 from .ground import bench_ground
@@ -54,6 +55,11 @@ def show_bench(a: argparse.Namespace) -> int:
     title, baseline, bench = BENCHES[what]
     rows = [{**row, "baseline": baseline} for row in bench(**options)]
     console.print("\n".join([title, *lines(rows)]), markup=False, highlight=False, soft_wrap=True)
+    if what == "damage":
+        keep(Path("results/damage"), "damage", {
+            row["damage"]: (not any(row[k] for k in HARM), {k: row[k] for k in COLUMNS})
+            for row in rows
+        })  # fmt: skip
     if a.json:
         a.json.write_text(json.dumps({"bench": what, "rows": rows}, indent=1))
     return 0

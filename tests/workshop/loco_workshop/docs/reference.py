@@ -25,6 +25,7 @@ from loco_sim.effects.identity import SITES
 from loco_sim.params import SimParams, TickParams
 from loco_sim.plant.safety import SafetyParams
 
+from ..reliability import page as reliability_page
 from .effects_figures import draw_all
 from .effects_page import overview, page
 from .site import build
@@ -60,6 +61,7 @@ def pages() -> dict[str, str]:
         "parameters.md": _parameters(),
         "parameters_nodes.md": _node_parameters(),
         "effects.md": _page("Effects", *overview()),
+        reliability_page.PAGE: reliability_page.current(),
         **{f"effects_{site}.md": _page(f"Effects: {site}", *page(site)) for site in SITES},
     }
 

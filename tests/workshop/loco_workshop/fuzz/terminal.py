@@ -10,6 +10,7 @@ from loco_bringup.terminal import console
 from loco_control.exceptions import ParameterError
 from loco_control.files import write_whole
 
+from ..reliability.figures import keep
 from .fuzz import KINDS, fuzz
 from .targets import TARGETS
 
@@ -28,9 +29,13 @@ def show_fuzz(a: argparse.Namespace) -> int:
         raise ParameterError(f"--inputs must be 0 or above, got {a.inputs}")
     rows = fuzz(names, 60.0 * a.minutes, a.out, a.seed, a.inputs, a.damage, max(1, a.workers))
     write_whole(a.out / "fuzz.json", json.dumps(rows, indent=1) + "\n")
+    kept = {}
     for name, row in rows.items():
+        found = sum(row[kind] for kind in KINDS)
+        kept[name] = not found, {"damage": a.damage, "inputs": row["inputs"], "finds": found}
         console.print(f"  {name:12} {json.dumps(row)[1:-1]}", markup=False)
-    finds = sum(row[kind] for row in rows.values() for kind in KINDS)
+    keep(a.out, "fuzz", kept)
+    finds = sum(figures["finds"] for _, figures in kept.values())
     total = sum(row["inputs"] for row in rows.values())
     console.print(f"  {total} inputs, {finds} finds: {a.out}", markup=False)
     return int(finds > 0)

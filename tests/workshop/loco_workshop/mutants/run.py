@@ -222,6 +222,20 @@ def score(verdicts: list[Verdict]) -> float:
     return sum(v.end in NOTICED for v in counted) / len(counted) if counted else 1.0
 
 
+def counts(verdicts: list[Verdict]) -> dict[str, dict[str, int]]:
+    """Numbers of mutants and share that was noticed [%], by module."""
+    by_module = {}
+    for module in dict.fromkeys(v.module for v in verdicts):
+        rows = [v for v in verdicts if v.module == module]
+        by_module[module] = {
+            "mutants": len(rows),
+            "noticed": sum(v.end in NOTICED for v in rows),
+            "equivalent": sum(v.end == "equivalent" for v in rows),
+            "noticed %": int(100 * score(rows)),
+        }
+    return by_module
+
+
 def write(verdicts: list[Verdict], folder: Path) -> None:
     """Write `mutants.json`, and `mutants.md` with a table per module and the survivors."""
     folder.mkdir(parents=True, exist_ok=True)
@@ -230,11 +244,8 @@ def write(verdicts: list[Verdict], folder: Path) -> None:
         "| module | mutants | killed | equivalent | score |",
         "| --- | --- | --- | --- | --- |",
     ]
-    for module in dict.fromkeys(v.module for v in verdicts):
-        rows = [v for v in verdicts if v.module == module]
-        same = sum(v.end == "equivalent" for v in rows)
-        dead = sum(v.end in NOTICED for v in rows)
-        lines.append(f"| {module} | {len(rows)} | {dead} | {same} | {100 * score(rows):.0f} % |")
+    for module, count in counts(verdicts).items():
+        lines.append(f"| {' | '.join(map(str, (module, *count.values())))} % |")
     survivors = [
         f"- {v.module}:{v.line} `{v.change}`" + (" (pytest failed)" if v.end == "error" else "")
         for v in verdicts if v.end in ("survived", "error")

@@ -12,7 +12,8 @@ from loco_control.exceptions import NameUnknownError, ParameterError
 from loco_control.files import check_writable
 from loco_learning.jobs.journal import Journal
 
-from .run import BY_HAND, PROTECTING, Verdict, score, survey, write
+from ..reliability.figures import keep
+from .run import BY_HAND, PROTECTING, Verdict, counts, score, survey, write
 
 
 def show_mutants(a: argparse.Namespace) -> int:
@@ -37,6 +38,10 @@ def show_mutants(a: argparse.Namespace) -> int:
     finally:
         journal.close()
     write(verdicts, a.out)
+    by_module = counts(verdicts)
+    keep(a.out, "mutants by hand" if a.by_hand else "mutants", {
+        module: (count["noticed %"] >= 90, count) for module, count in by_module.items()
+    })  # fmt: skip
     share = score(verdicts)
     console.print(f"  {len(verdicts)} mutants, {100 * share:.0f} % noticed: {a.out}", markup=False)
     return int(share < 0.9)

@@ -9,6 +9,7 @@ from typing import Any
 
 from loco_bringup.terminal import bar, console
 
+from ..reliability.figures import keep
 from . import chaos
 from .faults import SAFE_TICKS
 
@@ -41,6 +42,7 @@ def show_chaos(a: argparse.Namespace) -> int:
 
         by_cell = chaos.run(selected, a.repeats, a.seed, a.out, tell)
     rows = [row for rows in by_cell.values() for row in rows]
+    keep(a.out, "chaos", counts(rows))
     (a.out / "chaos.json").write_text(json.dumps(rows, indent=1))
     text = page(rows)
     (a.out / "chaos.md").write_text(text)
@@ -51,6 +53,24 @@ def show_chaos(a: argparse.Namespace) -> int:
         console.print(f"{row['how']} {row['what']}: {message}", markup=False)
     console.print(f"{len(rows) - len(failed)} of {len(rows)} cells as they have to be: {a.out}")
     return int(bool(failed))
+
+
+def counts(rows: list[dict[str, Any]]) -> dict[str, tuple[bool, dict[str, int]]]:
+    """Numbers of cells and of those as required, by signal, or for rough and faults."""
+    by_kind: dict[str, list[dict[str, Any]]] = {}
+    for row in rows:
+        is_fault = row["how"] not in ("SIGSTOP", "SIGKILL", "rough")
+        by_kind.setdefault("faults" if is_fault else row["how"], []).append(row)
+    return {
+        kind: (
+            all(row["ok"] for row in of_kind),
+            {
+                "cells": len(of_kind), "good cells": sum(row["ok"] for row in of_kind),
+                "repeats": sum(row.get("repeats", 0) for row in of_kind),
+            },
+        )
+        for kind, of_kind in by_kind.items()
+    }  # fmt: skip
 
 
 def page(rows: list[dict[str, Any]]) -> str:

@@ -67,6 +67,7 @@ WAYS = ("SIGKILL", "SIGINT", "SIGSTOP", TWICE)  # used in turn
 GOOD, REFUSED, INTERRUPTED = (0, 3), 2, 130  # exit codes; 3: the best gait falls
 PATIENCE = 600.0  # longest run of a command [s]
 _STOPPED = (0.5, 2.0)  # wall time for which a command is stopped [s]
+_TRIES = 10  # runs in a row that may complete before they are disturbed
 _LOOK = 0.02  # wall time between two looks at the results [s]
 
 
@@ -120,16 +121,18 @@ def run(
     shutil.rmtree(place, ignore_errors=True)
     prepare(place / "inputs", name)
     trial = _Trial(name, place, random.Random(f"{seed} {name}"))
-    trial.undisturbed()
-    for index in range(kills):
-        while not trial.disturb(WAYS[index % len(WAYS)]):
-            pass  # it completed before, and was compared
-        tell(trial.row)
-    if trial.out.exists():
-        trial.end()
-    for _ in range(disks):
-        trial.fill()
-        tell(trial.row)
+    try:
+        trial.undisturbed()
+        for index in range(kills):
+            trial.hit(WAYS[index % len(WAYS)])
+            tell(trial.row)
+        if trial.out.exists():
+            trial.end()
+        for _ in range(disks):
+            trial.fill()
+            tell(trial.row)
+    finally:
+        trial.kill_all()
     if trial.row.ok:
         shutil.rmtree(place)
     return trial.row
@@ -166,7 +169,9 @@ class _Trial:
     def __init__(self, name: str, place: Path, draw: random.Random):
         self.row, self._draw, self._place = Row(name), draw, place
         self._work = 0.0  # wall time from the first result to the end [s]
+        self._cuts = 0  # number of runs of the current folder that were cut off
         self._whole: dict[str, bytes] = {}
+        self._processes: list[subprocess.Popen] = []
 
     @property
     def out(self) -> Path:
@@ -188,15 +193,25 @@ class _Trial:
             raise GraphError(f"`loco {self.row.command}` alone ended with {code}: {output[-300:]}")
         self._work, self._whole = time.monotonic() - began, contents(out)
 
+    def hit(self, way: str) -> None:
+        """Disturb the command once; runs that complete before are compared, and repeated."""
+        if not any(self.disturb(way) for _ in range(_TRIES)):
+            self._note(f"{_TRIES} runs in a row were not hit by {way}")
+
     def disturb(self, way: str) -> bool:
         """Start the command and disturb it at a random time after its first result.
+
+        Each time in the same folder less is left to do, so the range of times is halved.
 
         Returns:
             False if it completed before; its files are then compared.
         """
         process = self._start(self.out)
         _wait_for_work(process, self.out)
-        if not _runs(process, self._work * self._draw.random()):
+        began = time.monotonic()
+        if not _runs(process, self._work * self._draw.random() / 2**self._cuts):
+            if not self._cuts:  # a first run compiles; later ones are faster
+                self._work = min(self._work, time.monotonic() - began)
             self._complete(process)
             return False
         if way == TWICE:
@@ -223,6 +238,7 @@ class _Trial:
         if _survivors(process.pid):
             self.row.left += 1
             self._note("processes are left")
+        self._cuts += 1
         self._look_for_torn()
         return True
 
@@ -286,7 +302,7 @@ class _Trial:
             self._note(f"{path} is left")
         for path in other:
             self._note(f"{path} differs")
-        self.row.ends += 1
+        self.row.ends, self._cuts = self.row.ends + 1, 0
         self.row.same += not other
 
     def _look_for_torn(self) -> None:
@@ -299,15 +315,23 @@ class _Trial:
 
     def _start(self, out: Path, limit: int = 0) -> subprocess.Popen:
         arguments = COMMANDS[self.row.command].replace("{}", str(self._place / "inputs")).split()
-        return start(
-            [*arguments, "--workers", str(self._draw.choice((1, 2))), "--out", str(out)], limit
-        )
+        words = [*arguments, "--workers", str(self._draw.choice((1, 2))), "--out", str(out)]
+        self._processes.append(start(words, limit))
+        return self._processes[-1]
+
+    def kill_all(self) -> None:
+        """Kill the runs that are left after an error or an interrupt, with their children."""
+        for process in self._processes:
+            if process.poll() is None:
+                os.killpg(process.pid, signal.SIGKILL)
+                process.communicate()
 
 
 def start(words: list[str], limit: int = 0) -> subprocess.Popen:
     """Start loco in a new session; a limit above 0 is the largest file size [bytes]."""
 
     def limited() -> None:
+        signal.signal(signal.SIGINT, signal.SIG_DFL)  # ignored where loco is in the background
         if limit:
             resource.setrlimit(resource.RLIMIT_FSIZE, (limit, limit))
 

@@ -10,6 +10,7 @@ from loco_bringup.terminal import bar, console
 from loco_control.exceptions import NameUnknownError, ParameterError
 from loco_control.files import check_writable, write_whole
 
+from ..reliability.figures import keep
 from . import crash
 
 HEAD = ("command", *crash.WAYS, "full disks", "ends with the same bytes", "torn files",
@@ -39,7 +40,8 @@ def show_crash(a: argparse.Namespace) -> int:
                 progress.update(task, advance=1, last=f"{row.command}: {row.same} the same")
 
             progress.update(task, last=name)
-            rows.append(crash.run(name, a.kills, a.disks, a.seed, a.out, tell))
+            rows.append(row := crash.run(name, a.kills, a.disks, a.seed, a.out, tell))
+            keep(a.out, "crash", {name: (row.ok, figures(row))})
     text = table(rows)
     write_whole(a.out / "crash.md", text)
     console.print(text, markup=False)
@@ -48,12 +50,14 @@ def show_crash(a: argparse.Namespace) -> int:
     return int(not all(row.ok for row in rows))
 
 
+def figures(row: crash.Row) -> dict[str, int | str]:
+    """Values of a row below `HEAD`, without the command."""
+    values = (*row.hits.values(), row.full, f"{row.same} of {row.ends}", row.torn, row.left)
+    return dict(zip(HEAD[1:], values, strict=True))
+
+
 def table(rows: Sequence[crash.Row]) -> str:
     """Markdown table of the rows."""
     lines = [HEAD, ("---",) * len(HEAD)]
-    lines += [
-        (f"`{r.command}`", *map(str, (*r.hits.values(), r.full)), f"{r.same} of {r.ends}",
-         *map(str, (r.torn, r.left)))
-        for r in rows
-    ]  # fmt: skip
+    lines += [(f"`{row.command}`", *map(str, figures(row).values())) for row in rows]
     return "".join("| " + " | ".join(line) + " |\n" for line in lines)

@@ -12,6 +12,7 @@ from loco_learning.drawing import png
 from loco_learning.drawing.chart import DASHED, GREY, PALETTE, Axis, Chart, Frame, Layer, line
 from loco_learning.runs.experiment import load
 
+from ..reliability.figures import keep
 from . import soak as soaking
 
 
@@ -36,7 +37,10 @@ def show_soak(a: argparse.Namespace) -> int:
     console.print(f"  {folder}: soak.md, soak.csv, soak.png")
     if outcome.interrupted:
         return 130
-    return int(any(v.says == "grows" for v in verdicts))
+    grows = sum(v.says == "grows" for v in verdicts)
+    figures = {"ticks": samples[-1].tick if samples else 0, "layout": a.layout, "grow": grows}
+    keep(folder, "soak", {experiment.name: (not grows and len(samples) > 0, figures)})
+    return int(grows > 0)
 
 
 def page(

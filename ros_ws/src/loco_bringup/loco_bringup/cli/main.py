@@ -56,6 +56,10 @@ def main(argv: list[str] | None = None) -> None:
         os._exit(0)
     except OSError as error:
         _fail(describe(error), 2)
+    except (MemoryError, ImportError) as error:
+        if isinstance(error, ImportError) and "failed to map segment" not in str(error):
+            raise
+        _fail("there is not enough memory; end other programs, or raise the limit `ulimit -v`", 1)
     except ValueError as error:
         if "null byte" not in str(error) and "null character" not in str(error):
             raise

@@ -169,6 +169,19 @@ def soak(p: ArgumentParser) -> None:
     add_out(p, "folder of table and picture (default results/soak)")
 
 
+@command("reliability", "loco_workshop.reliability.terminal:show_reliability",
+         "collect what was measured of reliability in one page (exit code 1: not as required)")  # fmt: skip
+def reliability(p: ArgumentParser) -> None:
+    """Options of `loco reliability`.
+
+    Takes what fuzz, mutants, chaos, crash, soak, bench damage and test last wrote, and writes
+    docs/results/reliability.json and docs/reliability_figures.md.
+    """
+    p.add_argument("--run", nargs="*", metavar="NAME", help="measure these subjects (default: all "
+                   "with a part that was not measured), which takes hours")  # fmt: skip
+    option(p, "--results", Path("results"), "folder in which the commands have theirs")
+
+
 @command("docs", "loco_workshop.docs.reference:show_docs",
          "print the generated tables of docs/ (topics, parameters)")  # fmt: skip
 def docs(p: ArgumentParser) -> None:
