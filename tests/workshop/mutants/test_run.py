@@ -86,7 +86,7 @@ def test_a_copy_of_the_package_that_knows_the_clone_is_in_one():
 
 def test_how_tests_end(clone, monkeypatch):
     """By an import that fails, an error of pytest, a signal, or not at all."""
-    monkeypatch.setattr(run, "PATIENCE", 0.5)
+    monkeypatch.setattr(run, "PATIENCE", 2.0)
     ends = ("1 / 0", "os._exit(4)", "os.kill(os.getpid(), 9)", "os.kill(os.getpid(), 19)")
     source = ["import os", *(f"False and {end}" for end in ends), "seen = id\n"]
     (clone / MODULE).write_text("\n".join(source))

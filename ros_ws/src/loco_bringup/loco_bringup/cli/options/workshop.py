@@ -170,7 +170,7 @@ def soak(p: ArgumentParser) -> None:
 
 
 @command("reliability", "loco_workshop.reliability.terminal:show_reliability",
-         "collect what was measured of reliability in one page (exit code 1: not as required)")  # fmt: skip
+         "write one page of what was measured (exit code 1: not as required)")  # fmt: skip
 def reliability(p: ArgumentParser) -> None:
     """Options of `loco reliability`.
 
