@@ -27,13 +27,13 @@ def show_reliability(a: argparse.Namespace) -> int:
     for name in a.run or ():
         if name not in SUBJECTS:
             raise NameUnknownError("subject", name, SUBJECTS)
-    figures = collect(a.results)
+    figures = collect()
     if a.run is not None:
         for name in a.run or missing(figures):
             words = SUBJECTS[name].command.split()
             console.print(f"  {name}: ./loco {' '.join(words)}", markup=False)
             subprocess.run([sys.executable, "-m", "loco_bringup.cli.main", *words], check=False)
-        figures = collect(a.results)
+        figures = collect()
     write(root() / "docs" / FILE, figures)
     (root() / "docs" / PAGE).write_text(page(figures))
     measured = [each for each in figures if each.date]
@@ -49,8 +49,8 @@ def show_reliability(a: argparse.Namespace) -> int:
     return int(bool(wrong))
 
 
-def collect(results: Path) -> list[Figure]:
-    """Newest figures of the page and of all commands, whose results are folders in `results`."""
+def collect() -> list[Figure]:
+    """Newest figures of the page and of all commands, which have folders in ``results``."""
     kept = root() / "docs" / FILE
-    paths = [*([kept] if kept.exists() else []), *sorted(results.glob(f"*/{NAME}"))]
+    paths = [*([kept] if kept.exists() else []), *sorted(Path("results").glob(f"*/{NAME}"))]
     return complete(newest(figure for path in paths for figure in read(path)))

@@ -68,14 +68,8 @@ def battery(p: ArgumentParser) -> None:
                    "`./loco install battery` was run; none of robots that walk)")  # fmt: skip
     option(p, "--follow", False, "where the verdict is ambiguous, run the experiment that it "
            "proposes on the robot, and look again")  # fmt: skip
-    option(
-        p,
-        "--settings",
-        0,
-        "ask each name again under N of 26 other settings: pieces of 0.5 or "
-        "2 s, another record that judges, an accuracy of 1 or 3 %% (default 0)",
-        "N",
-    )
+    option(p, "--settings", 0, "ask each name again under N of 26 other settings: pieces of 0.5 or "
+           "2 s, another judging record, an accuracy of 1 or 3 %% (default 0)", "N")  # fmt: skip
     option(p, "--bags-only", False, "make the cases, run nothing")
     add_out(p, "folder of the battery (default results/gap_battery_SEED)")
 
@@ -177,9 +171,7 @@ def reliability(p: ArgumentParser) -> None:
     Takes what fuzz, mutants, chaos, crash, soak, bench damage and test last wrote, and writes
     docs/results/reliability.json and docs/reliability_figures.md.
     """
-    p.add_argument("--run", nargs="*", metavar="NAME", help="measure these subjects (default: all "
-                   "with a part that was not measured), which takes hours")  # fmt: skip
-    option(p, "--results", Path("results"), "folder in which the commands have theirs")
+    p.add_argument("--run", nargs="*", metavar="NAME", help="measure these, or all that is missing")
 
 
 @command("docs", "loco_workshop.docs.reference:show_docs",
