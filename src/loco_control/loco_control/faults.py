@@ -51,11 +51,11 @@ class Fault(Params):
         FAULTS[kind] = cls
 
     def hit(self, data: bytes, memory: Memory) -> list[bytes]:
-        """Messages to publish in place of one that the fault affects."""
+        """Messages to publish instead of a message that the fault damages."""
         raise NotImplementedError
 
     def passed(self, data: bytes, memory: Memory) -> list[bytes]:
-        """Messages to publish in place of one that the fault does not affect, also after `stop`."""
+        """Messages to publish for an undamaged one, also after `stop`: first those held back."""
         held, memory.held = memory.held, []
         return [*held, data]
 

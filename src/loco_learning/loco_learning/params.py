@@ -82,7 +82,7 @@ class LearnerParams(PhasedParams):
     train: float = parameter(15.0, "phase: target drives, readout learns", "s", 0.0, 1e5)
     closing: float = parameter(15.0, "phase: prediction drives, learning fades", "s", 0.0, 1e5)
     test: float = parameter(15.0, "phase: prediction drives, readout frozen", "s", 0.0, 1e5)
-    closing_block: int = parameter(10, "learning fades by this many ticks", "tick", 1, 10000)
+    closing_block: int = parameter(10, "block length while learning fades out", "tick", 1, 10000)
     weights: str = parameter("", "file with trained weights; empty: learn them", "path")
 
 
@@ -115,7 +115,7 @@ class JointLearnerParams(PhasedParams):
     train: float = parameter(20.0, "phase: target drives, readout learns", "s", 0.0, 1e5)
     closing: float = parameter(20.0, "phase: prediction drives, learning fades", "s", 0.0, 1e5)
     test: float = parameter(30.0, "phase: prediction drives, readout frozen", "s", 0.0, 1e5)
-    closing_block: int = parameter(10, "learning fades by this many ticks", "tick", 1, 10000)
+    closing_block: int = parameter(10, "block length while learning fades out", "tick", 1, 10000)
     weights: str = parameter("", "file with trained weights; empty: learn them", "path")
 
     def centre_and_scale(self, kind: str) -> tuple[float, float]:

@@ -12,7 +12,7 @@ from numba import njit
 
 from ..params import LearnerParams
 
-FEET = 4  # vertical forces; with the constant five inputs, eq. (7.2)
+FEET = 4  # vertical forces; the constant is the fifth input, eq. (7.2)
 OUTPUTS = 16  # eight positions and eight velocities, eq. (7.1)
 
 

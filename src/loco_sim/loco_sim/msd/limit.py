@@ -17,7 +17,7 @@ from .lanes import WIDTH, fma, get, inverse_length, put
 
 # Operations of `integrator` in two dimensions with dampers along the links; each addition,
 # product or fused pair counts as one. `inverse_length` is timed separately.
-PER_LINK = 30  # 4 differences, 4 of square and closing, 6 drive, 10 force, 6 sums
+PER_LINK = 30  # differences 4, square and closing speed 4, drive 6, force 10, sums 6
 PER_NODE = 2 * 11 + 2  # each axis: 5 drift, 2 ground, 1 drag, 3 kick; and the height
 
 

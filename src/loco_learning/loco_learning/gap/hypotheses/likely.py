@@ -27,7 +27,7 @@ MOST_JOINTS = 4  # conspicuous joints; with more of them, none is tested by itse
 KEPT = 24  # hypotheses that are kept
 PLACES = 1  # places of each effect that are kept, at least
 WORTH = 3.0  # smallest evidence for it [nat]; a useless parameter gains half a nat (theory)
-ROUNDS, KEEPS = 2, 0.7  # linear steps; share of their predicted decrease that ends them (taste)
+ROUNDS, KEEPS = 2, 0.7  # linear steps; share of their predicted decrease that is enough (taste)
 GROW, SHRINK = 30.0, 0.03  # largest and smallest factor from one tried size to the next
 JOINT_SIGNALS = ("q", "dq", "tau")
 

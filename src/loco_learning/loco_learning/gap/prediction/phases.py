@@ -87,6 +87,6 @@ def _motion(dq: np.ndarray, dt: float) -> np.ndarray:
     turns = np.flatnonzero(np.diff(sign[going]))
     near = max(1, round(AROUND / dt))
     for last, first in zip(going[turns], going[turns + 1], strict=True):
-        if first - last <= 4 * near:  # longer: it rested in between
+        if first - last <= 4 * near:  # a longer pause is no reversal
             index[max(last - near, 0) : first + near] = 1
     return index

@@ -167,8 +167,9 @@ def correlation_time(x: np.ndarray) -> float:
     """Integrated autocorrelation time about zero [measured samples], 1 for white noise.
 
     ``1 + 2 sum rho_k`` up to the first lag of five times the current sum (Sokal's window). Lags
-    count measured samples: whatever the rows between them, their number over this time is that of
-    independent ones. A residual with a non-zero mean is correlated over the whole record.
+    count measured samples and ignore rows between them, so the number of measured samples divided
+    by this time is the number of independent samples. A residual with a non-zero mean is
+    correlated over the whole record.
 
     Args:
         x: (T,), NaN = not measured; gaps are closed up.
@@ -331,7 +332,7 @@ def _blocks(a: Score, b: Score) -> tuple[np.ndarray, float]:
 
 
 def _ticks(records: Sequence[np.ndarray], scale: np.ndarray, tau: np.ndarray) -> list[np.ndarray]:
-    """Log density of each sample over its tau, summed over channels, (T,) per record."""
+    """Log density of each sample divided by its tau, summed over channels, (T,) per record."""
     constant = gammaln((NU + 1) / 2) - gammaln(NU / 2) - 0.5 * math.log(NU * math.pi)
     out = []
     for r, each in zip(records, tau, strict=True):
