@@ -119,9 +119,7 @@ def fuzz(p: ArgumentParser) -> None:
     further by the next run with the same --out.
       loco fuzz --damage flip --inputs 10000
     """
-    p.add_argument("target", nargs="?", default="all",
-                   help="experiment, robot, model, gait, study, node_set, mapping, csv, json, gz, "
-                   "npz, urdf, bag, mcap, messages or all (default)")  # fmt: skip
+    p.add_argument("target", nargs="?", default="all", help="default all; a wrong name lists them")
     option(p, "--minutes", 2.0, "wall time in all (default 2)")
     option(p, "--inputs", 0, "as many inputs instead, in equal shares", "N")
     option(p, "--damage", "any", "any (default), cut (truncations) or flip (one byte each)")
