@@ -17,7 +17,7 @@ from loco_control.ros import IGNORE_OWN, LOOPBACK, OPEN, PROFILE, RANGE, settle_
 HERE = "0100007F"  # 127.0.0.1, as the kernel writes it
 WAYS = ("multicast", "static peers", "static peers alone", "initial peers")
 LOCO = ("-m", "loco_bringup.cli.main")
-RUN = ("run", "tigrillo_hold", "--clock", "realtime", "--set", "duration=3000")
+RUN = ("run", "tigrillo_hold", "--speed", "1", "--set", "duration=3000")
 
 
 @pytest.fixture
