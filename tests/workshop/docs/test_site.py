@@ -10,6 +10,7 @@ import pytest
 
 from loco_bringup.cli.clone import root
 from loco_control.exceptions import LocoError
+from loco_workshop.docs.flowchart import svg
 from loco_workshop.docs.site import build
 from loco_workshop.docs.site_hooks import API, notebook, on_page_markdown
 
@@ -48,6 +49,18 @@ def test_search_works_from_a_file(site):
     address = f"{(site / 'index.html').as_uri()}?q=backlash"
     done = subprocess.run([*command, "--dump-dom", address], capture_output=True, check=True)
     assert re.search(r"[0-9]+ matching documents", done.stdout.decode())
+
+
+def test_flowcharts_are_drawn(site):
+    for name in ("design", "running", "live_calibration"):
+        text = (site / f"{name}.html").read_text()
+        assert "flowchart LR" not in text and "<svg viewBox" in text
+    picture = svg('flowchart LR\n  a[plant: model] -- state --> b\n  b -- "command, t" --> a')
+    words = re.findall(r">([^<]+)</text>", picture)
+    assert words == ["state", "command, t", "plant", "model", "b"]
+    assert picture.count("marker-end") == 2
+    left = [float(x) for x in re.findall(r'<rect x="([0-9]+)"', picture)]
+    assert left[0] < left[1]  # the command leads back
 
 
 def test_a_notebook_is_a_page_with_its_outputs():

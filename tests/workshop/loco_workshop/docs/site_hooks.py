@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Hooks of mkdocs: add the code reference and the notebook, resolve links outside ``docs/``."""
+"""Hooks of mkdocs: code reference, notebook, flowcharts, links to files outside ``docs/``."""
 
 from __future__ import annotations
 
@@ -9,6 +9,8 @@ from pathlib import Path
 from typing import Any
 
 from mkdocs.structure.files import File
+
+from loco_workshop.docs.flowchart import svg
 
 # Pages of the reference: title and modules, each with all its public names.
 API = {
@@ -57,6 +59,7 @@ def notebook(content: dict[str, Any]) -> str:
 
 
 def on_page_markdown(markdown: str, **_: Any) -> str:
-    """Link the notebook, and replace links to files outside ``docs/``, which the site lacks."""
+    """Draw flowcharts, link the notebook, and name files outside ``docs/`` instead of linking."""
+    markdown = re.sub(r"```mermaid\n(.*?)```", lambda m: svg(m[1]), markdown, flags=re.S)
     markdown = markdown.replace(f"({NOTEBOOK})", f"({NOTEBOOK.replace('.ipynb', '.md')})")
     return BESIDE.sub(lambda m: f"{m[1]} (`{m[2].replace('../', '')}`)", markdown)
