@@ -1,11 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
 """Wrong units are found and named; right ones, and robots with hidden effects, are let be."""
 
+import re
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from loco_control.exceptions import ParameterError
-from loco_learning.gap.recordings import align
+from loco_learning.gap.recordings import align, importing, mapping
 from loco_learning.gap.recordings.tracks import Track
 
 DEGREE = 180.0 / np.pi
@@ -32,10 +35,49 @@ def later(change, factor):
         ({"dq": -1.0}, "opposite sign"),
         ({"dq": 8.0}, "a wrong unit or scale"),
         ({"q": 1e3}, "q in mrad"),
+        ({"dq": 2.0}, r"is 2 times the derivative of q.*scale: 0.499. at dq.*time: \{scale: 0.499"),
+        ({"dq": 0.5}, r"0.501 times the derivative of q.*time: \{scale: 1.99"),
     ],
 )
 def test_velocity_and_angle_do_not_fit(signals, hinge, changes, said):
     suspected(signals(**changes), hinge, said)
+
+
+@pytest.mark.parametrize("every", [2, 4])
+def test_the_signals_of_a_slow_log_are_compared_where_they_were_read(signals, hinge, every):
+    """Between its rows nothing is known, as commands were given more often."""
+    robot = replace(hinge, control_rate=100.0, rate_stated=True)
+
+    def thin(track, by=1.0):
+        return replace(track, t=track.t[::every], x=by * track.x[::every])
+
+    tracks = {role: thin for role in ("q", "command_position")}
+    suspected(signals(**tracks, dq=lambda k: thin(k, 2.0)), robot, r"2.0. times the derivative")
+    align.record("run", signals(**tracks, dq=thin), robot)
+
+
+@pytest.mark.parametrize("gain", [0.7 / 1.3, 1.3 / 0.7])
+def test_a_gain_that_sensors_have_is_no_wrong_scale(signals, hinge, gain):
+    align.record("run", signals(dq=gain), hinge)
+
+
+def test_a_clock_that_runs_too_fast_is_mended_by_its_scale(tmp_path, hinge):
+    t = np.arange(800) / 200.0
+    rows = np.column_stack([t / 2.0, np.sin(3.0 * t), 3.0 * np.cos(3.0 * t), np.sin(3.0 * t)])
+    np.savetxt(tmp_path / "a.csv", rows, delimiter=",", header="t,q,dq,cmd", comments="")
+    text = """time: {column: t}
+columns:
+  - {column: q, role: q, joint: hinge}
+  - {column: dq, role: dq, joint: hinge}
+  - {column: cmd, role: command_position, joint: hinge}
+"""
+    (tmp_path / "mapping.yaml").write_text(text)
+    with pytest.raises(ParameterError, match=r"time: \{scale") as error:
+        importing.load(tmp_path / "a.csv", hinge, mapping.load(tmp_path))
+    line = re.search(r"time: \{(scale: [0-9.]+)\}", str(error.value))[1]
+    (tmp_path / "mapping.yaml").write_text(text.replace("{column: t}", f"{{column: t, {line}}}"))
+    (record,) = importing.load(tmp_path / "a.csv", hinge, mapping.load(tmp_path))
+    assert record.duration == pytest.approx(t[-1], rel=0.01)
 
 
 @pytest.mark.parametrize(

@@ -215,8 +215,9 @@ def loads(text: str, path: str | Path = FILE) -> Mapping:
                 f"{path.name}: files must name files in its folder, such as '*.csv', "
                 f"got {shown(pattern)}"
             )
-    time = _keys(values.get("time") or {}, ("column", "unit", "rate"), "time")
-    unit = _unit(time.get("unit", "s"), ("time",), "time", False)
+    time = _keys(values.get("time") or {}, ("column", "unit", "rate", "scale"), "time")
+    scale = _positive(time.get("scale", 1.0), "time.scale") or 1.0
+    unit = scale * _unit(time.get("unit", "s"), ("time",), "time", False)
     header = _keys(values.get("header") or {}, None, "header")
     return Mapping(
         path,

@@ -27,6 +27,8 @@ SLOWEST, FASTEST = 4.0, 2e4  # range of plausible sampling rates [Hz]
 RATIO_NEAR = 0.12  # largest distance of a ratio to a known one [log]
 BOTH_WAYS = 0.1  # share of samples of either sign above which a signal changes sign
 RATIO_FAR = 3.0  # ratio that no effect causes
+# The same of signals with this correlation; gains of 30 % too much and too little make 1.86.
+RATIO_CLEAR, CLEAR = 1.9, 0.99
 BELIEVE = "; if it is right as it is, say trust_units: true in the mapping"
 
 # Measured velocity over the derivative of the angle, and what it means.
@@ -148,8 +150,12 @@ def _velocity(record: Record, joint: str, turning: bool) -> Iterator[Finding]:
     dq, q = _of(record, "dq", joint), _of(record, "q", joint)
     if dq is None or q is None:
         return
-    width = max(1, min(round(0.03 / record.dt), len(q) // 40))
-    ratio, correlation = slope(_smooth(rates(q, record.dt), width), _smooth(dq, width))
+    rows = np.flatnonzero(np.isfinite(q))  # of a slow log, some of the rows
+    if len(rows) < 2:
+        return
+    dt, q, dq = record.dt * float(np.median(np.diff(rows))), q[rows], dq[rows]
+    width = max(1, min(round(0.03 / dt), len(q) // 40))
+    ratio, correlation = slope(_smooth(rates(q, dt), width), _smooth(dq, width))
     if abs(correlation) < 0.8:
         return
     for factor, meaning in RATIOS.items():
@@ -163,6 +169,10 @@ def _velocity(record: Record, joint: str, turning: bool) -> Iterator[Finding]:
     elif not 1.0 / RATIO_FAR < ratio < RATIO_FAR:
         yield _of_unit(f"dq of {joint} is {ratio:.3g} times the derivative of q: a wrong unit or "
                        "scale of one, or of the time", joint, "dq", SCALE, 1.0 / ratio)  # fmt: skip
+    elif correlation > CLEAR and not 1.0 / RATIO_CLEAR < ratio < RATIO_CLEAR:
+        yield _of_unit(f"dq of {joint} is {ratio:.3g} times the derivative of q: a wrong scale of "
+                       f"one (scale: {1.0 / ratio:.4g} at dq), or a clock that runs {ratio:.3g} "
+                       f"times too fast (time: {{scale: {1.0 / ratio:.4g}}})", joint)  # fmt: skip
 
 
 def _command(record: Record, joint: str, description: Description) -> Iterator[Finding]:

@@ -162,8 +162,8 @@ def locked(found: list[Track], held: dict[str, float], robot: Robot) -> list[Tra
             raise NameUnknownError("joint for locked", joint, robot.joints)
         if isinstance(robot.drives.get(joint), TorqueDrive):
             raise ParameterError(
-                f"locked: {joint} has a drive for torques, which cannot hold it; give it an "
-                "impedance drive in robot.yaml"
+                f"locked: {joint} has a drive for torques, which cannot hold it; if it never "
+                f"moves, lock it in robot.yaml instead: locked: {{{joint}: {at:g}}}"
             )
         if any(track.place == joint for track in found):
             raise ParameterError(f"locked: {joint} has columns of its own; leave one of them out")
