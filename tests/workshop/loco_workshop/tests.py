@@ -54,7 +54,7 @@ def run_tests(arguments: list[str]) -> int:
             kept += [f"--cov-report=json:{coverage}"] if "--cov" in chosen else []
             words = [sys.executable, "-m", "pytest", *kept, *chosen]
             code = subprocess.run(words, cwd=root()).returncode
-        if name and results.exists():
+        if name and code in (0, 1) and results.exists():  # not interrupted
             _keep(name, results, coverage)
     return code
 

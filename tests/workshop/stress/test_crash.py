@@ -10,6 +10,7 @@ import pytest
 
 from loco_bringup.cli import main as cli
 from loco_bringup.cli.table import parse
+from loco_workshop.reliability import figures
 from loco_workshop.stress import crash, crash_terminal
 
 
@@ -135,6 +136,19 @@ def test_an_answer_that_is_not_one_line_is_told(toy, way, answers, note):
     trial = toy(**answers)
     assert trial.disturb(way)
     assert note in " ".join(trial.row.notes)
+
+
+@pytest.mark.parametrize(("hits", "full", "kept"), [(3, 0, ["crash"]), (0, 2, ["full disks"])])
+def test_figures_are_kept_of_what_was_done(tmp_path, monkeypatch, hits, full, kept):
+    row = crash.Row("gap", {**dict.fromkeys(crash.WAYS, 0), "SIGINT": hits}, full, ends=4, same=4)
+    monkeypatch.setattr(crash, "run", lambda *_: row)
+    with pytest.raises(SystemExit) as end:
+        cli.main(["crash", "--only", "gap", "--out", str(tmp_path)])
+    assert end.value.code == 0
+    [figure] = figures.read(tmp_path / figures.NAME)
+    assert (figure.subject, figure.part, figure.holds) == (kept[0], "gap", True)
+    assert figure.values["ends with the same bytes"] == "4 of 4"
+    assert figure.values.get("SIGINT", 0) == hits and figure.values.get("full disks", 0) == full
 
 
 @pytest.mark.parametrize(

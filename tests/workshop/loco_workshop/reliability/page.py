@@ -65,7 +65,8 @@ def _summary(rows: list[Figure]) -> tuple[str, ...]:
 
 def _subject(rows: list[Figure], runs: list[tuple[str, str]]) -> str:
     subject = SUBJECTS[rows[0].subject]
-    names = list(dict.fromkeys(name for each in rows for name in each.values))
+    fullest = sorted(rows, key=lambda each: -len(each.values))  # its order is that of the columns
+    names = list(dict.fromkeys(name for each in fullest for name in each.values))
     lines = []
     for each in rows:
         if not each.date:

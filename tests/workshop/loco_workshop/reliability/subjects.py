@@ -44,10 +44,12 @@ SUBJECTS = {
         "bench damage", "no chunk missed, no wrong data, no traceback",
         ("truncated", "byte changed"),
     ),
-    "crash": Subject(
-        "crash --kills 20 --disks 3", "every end has the same bytes, nothing torn or left",
-        tuple(COMMANDS),
-    ),
+    **{
+        name: Subject(line, "every end has the same bytes, nothing torn or left", tuple(COMMANDS))
+        for name, line in (
+            ("crash", "crash --kills 20 --disks 0"), ("full disks", "crash --kills 0 --disks 3"),
+        )
+    },
     "soak": Subject("soak", "nothing grows", ("hyq_trot_reflex",)),
     **{
         name: Subject(f"test {' '.join(words)}".strip(), required, (name,) if words else ())

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Sequence
+from pathlib import Path
 
 from loco_bringup.terminal import bar, console
 from loco_control.exceptions import NameUnknownError, ParameterError
@@ -13,8 +14,8 @@ from loco_control.files import check_writable, write_whole
 from ..reliability.figures import keep
 from . import crash
 
-HEAD = ("command", *crash.WAYS, "full disks", "ends with the same bytes", "torn files",
-        "left over")  # fmt: skip
+FULL = "full disks"
+HEAD = ("command", *crash.WAYS, FULL, "ends with the same bytes", "torn files", "left over")
 
 
 def show_crash(a: argparse.Namespace) -> int:
@@ -41,13 +42,23 @@ def show_crash(a: argparse.Namespace) -> int:
 
             progress.update(task, last=name)
             rows.append(row := crash.run(name, a.kills, a.disks, a.seed, a.out, tell))
-            keep(a.out, "crash", {name: (row.ok, figures(row))})
+            _keep(a.out, row)
     text = table(rows)
     write_whole(a.out / "crash.md", text)
     console.print(text, markup=False)
     for note in [f"{row.command}: {note}" for row in rows for note in row.notes]:
         console.print(f"  {note}", markup=False)
     return int(not all(row.ok for row in rows))
+
+
+def _keep(folder: Path, row: crash.Row) -> None:
+    """Keep the figures of disturbances and of full disks, each only where some were made."""
+    found = figures(row)
+    ends = {name: found[name] for name in HEAD[-3:]}
+    if any(row.hits.values()):
+        keep(folder, "crash", {row.command: (row.ok, row.hits | ends)})
+    if row.full:
+        keep(folder, FULL, {row.command: (row.ok, {FULL: row.full} | ends)})
 
 
 def figures(row: crash.Row) -> dict[str, int | str]:
