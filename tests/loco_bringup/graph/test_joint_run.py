@@ -38,25 +38,18 @@ def closed():
 
 @pytest.fixture(scope="module")
 def bags(closed, tmp_path_factory):
-    """Bags by name: rollout, composed, processes, in a namespace, two robots side by side."""
+    """Bags by name: rollout, composed, processes in a namespace, two robots side by side."""
     root = tmp_path_factory.mktemp("bags")
     made = {"rollout": run_rollout(closed, root / "rollout", lambda progress: None)}
-    for layout in runner.LAYOUTS:
-        made[layout] = runner.run(closed, root / layout, layout)
-    made["namespace"] = runner.run(closed, root / "namespace", namespace="lab/tigrillo")
+    for layout, space in (("composed", ""), ("processes", "lab/tigrillo")):
+        made[layout] = runner.run(closed, root / layout, layout, namespace=space)
     twins = {"measured": closed.replace(seed=7), "model": closed}
     made["pair"] = runner.run_robots(twins, root / "pair")
     return made
 
 
 @pytest.mark.parametrize(
-    ("name", "prefix"),
-    [
-        ("composed", ""),
-        ("processes", ""),
-        ("namespace", "/lab/tigrillo"),
-        ("pair", "/model"),
-    ],
+    ("name", "prefix"), [("composed", ""), ("processes", "/lab/tigrillo"), ("pair", "/model")]
 )
 def test_same_experiment_gives_the_same_bytes_everywhere(bags, closed, name, prefix):
     one, other = Bag(bags["rollout"].folder), Bag(bags[name].folder)
@@ -74,10 +67,10 @@ def test_robots_side_by_side_do_not_hear_each_other(bags):
         assert kinds.count("started") == kinds.count("finished") == 1
     assert "/clock" not in bag.topics or bag.topics["/clock"].count == 0
     assert set(bag.attachments()) >= {"experiment_measured.yaml", "experiment_model.yaml"}
-    assert "experiment.yaml" in Bag(bags["namespace"].folder).attachments()
+    assert "experiment.yaml" in Bag(bags["processes"].folder).attachments()
 
 
-@pytest.mark.parametrize("name", ["composed", "processes", "namespace", "pair"])
+@pytest.mark.parametrize("name", ["composed", "processes", "pair"])
 def test_a_run_ends_cleanly_and_loses_nothing(bags, name):
     outcome = bags[name]
     assert outcome.exit_code == 0

@@ -159,7 +159,7 @@ class Person:
 
 def test_what_people_said_is_said_again_at_its_tick(tmp_path):
     short = {"gait.start_time": 0.2, "learner.train": 0.6, "learner.closing": 0.2}
-    experiment = load("hyq_short", {**short, "learner.test": 1.5})
+    experiment = load("hyq_short", {**short, "learner.test": 0.5})
     person = Person()
     try:
         runner.run(experiment, tmp_path / "bag", speed=0.25, on_progress=person)
