@@ -14,6 +14,8 @@ from loco_bringup.record.readout_check import check_readout
 from loco_bringup.record.verify import verify
 from loco_learning.runs.experiment import load
 
+pytestmark = pytest.mark.xdist_group("verify")  # one run of the command
+
 SMALL = ["tigrillo_bound_reflex", *(word for key in ("train=4.0", "closing=2.0", "neurons=50")
                                     for word in ("--set", f"learner.{key}"))]  # fmt: skip
 QUICK = [*SMALL, "--seconds", "30", "--batch", "2", "--episode", "1.5", "--lead", "1.5",
@@ -98,7 +100,6 @@ def test_without_stable_baselines_one_line_says_what_to_install(monkeypatch, tmp
 
 
 @pytest.mark.ros
-@pytest.mark.xdist_group("verify")
 def test_the_result_drives_over_topics_and_its_bag_verifies(folder, tmp_path):
     experiment = load(folder / "reinforced.yaml")
     bag = tmp_path / "bag"

@@ -24,6 +24,7 @@ from loco_sim.plant.model import Model
 
 MASS, DAMPING, STEPS = 1.5, 1.0, 64
 ASKED = GapParams(effects=("*_friction", "sensor_bias"), most_terms=1, residual=True)
+SHIFT = ASKED.replace(effects=("sensor_bias",))  # where what is named is not asked
 
 
 def nothing(q, v):
@@ -92,12 +93,13 @@ def test_a_force_without_a_name_is_corrected_and_the_model_file_does_the_same(
 
 
 def test_nobody_gets_a_correction_that_did_not_ask_or_has_no_gap(slide, measured):
-    quiet = workflow.find(slide.model, *measured(ripple), ASKED.replace(residual=False))
+    quiet = workflow.find(slide.model, *measured(ripple), SHIFT.replace(residual=False))
     assert quiet["residual"] is None
     fit, judge = slide.records()
     assert workflow.find(slide.model, fit, judge, ASKED)["residual"] is None
-    rubs = slide.records([{"name": "coulomb_friction", "torque": 3.0}])
-    assert workflow.find(slide.model, *rubs, ASKED)["residual"] is None
+    fit, judge = slide.records([{"name": "coulomb_friction", "torque": 3.0}])
+    named = ASKED.replace(effects=("coulomb_friction",))
+    assert workflow.find(slide.model, fit[:1], judge, named)["residual"] is None
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -125,7 +127,7 @@ def test_joints_that_hardly_move_what_is_predicted_are_left_alone():
 
 def test_same_bytes_for_any_number_of_workers(slide, measured):
     one, two = (
-        workflow.find(slide.model, *measured(ripple), ASKED, workers=n)["residual"] for n in (1, 2)
+        workflow.find(slide.model, *measured(ripple), SHIFT, workers=n)["residual"] for n in (1, 2)
     )
     assert one["used"]
     assert json.dumps(one, sort_keys=True) == json.dumps(two, sort_keys=True)
