@@ -213,7 +213,7 @@ def test_the_limits_are_those_of_the_page():
     page = (Path(__file__).parents[2] / "docs" / "reliability.md").read_text()
     assert f"| {reading.MOST_YAML / 2**20:g} MiB, {reading.DEEPEST} levels, " in page
     assert f"levels, {reading.MOST_NODES:,} values" in page
-    assert f"| {reading.MOST_BYTES / 2**30:g} GiB, also unpacked" in page
+    assert f"| {reading.MOST_BYTES / 2**30:g} GiB, also after decompression" in page
 
 
 def test_numpy_is_loaded_by_those_who_read_arrays():
