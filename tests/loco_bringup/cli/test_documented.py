@@ -39,6 +39,62 @@ def printed(page: Path) -> list[str]:
 
 LINES = sorted({line for page in PAGES for line in printed(page) if not PLACEHOLDER.search(line)})
 
+# Pages whose blocks of commands a test runs, as printed or with shorter runs.
+RUN = {
+    "docs/controller.md": "tests/ros/test_guest.py",
+    "docs/hardware.md": "tests/loco_bringup/hardware/test_page.py",
+    "docs/tutorial_gap.md": "tests/workshop/docs/test_tutorials.py",
+    "docs/tutorial_log.md": "tests/workshop/docs/test_tutorials.py",
+    "docs/tutorial_own.md": "tests/workshop/docs/test_tutorials.py",
+    "docs/tutorial_walk.md": "tests/workshop/docs/test_tutorials.py",
+}
+# Pages whose blocks are only parsed, with the reason. Their commands have tests of their own.
+LONG = "minutes to hours: searches, studies, benches or runs in real time"
+NAMES = "they go on with a recording, robot or clone that the reader has"
+OPEN = "they watch or steer a graph that runs, or end by Ctrl-C; tests/ros tries the commands"
+NOT_RUN = {
+    "CONTRIBUTING.md": "it runs the tests themselves",
+    "README.md": "pip, which loco_workshop.wheel tries, and the demo, which CI runs by its test",
+    "docs/calibration.md": LONG,
+    "docs/control.md": LONG,
+    "docs/effect_own.md": "it writes a module into the package",
+    "docs/engines.md": LONG,
+    "docs/export.md": NAMES,
+    "docs/faults.md": LONG,
+    "docs/gap.md": NAMES,
+    "docs/gap_battery.md": LONG,
+    "docs/gap_ground.md": LONG,
+    "docs/gap_measured.md": LONG,
+    "docs/gap_rules.md": LONG,
+    "docs/gap_setup.md": LONG,
+    "docs/index.md": "pip, which loco_workshop.wheel tries",
+    "docs/learning.md": LONG,
+    "docs/live_calibration.md": LONG,
+    "docs/logs.md": OPEN,
+    "docs/msd.md": LONG,
+    "docs/optimise.md": LONG,
+    "docs/plant.md": LONG,
+    "docs/realtime.md": LONG,
+    "docs/reinforce.md": LONG,
+    "docs/reliability.md": LONG,
+    "docs/robots.md": NAMES,
+    "docs/running.md": OPEN,
+    "docs/safety.md": OPEN,
+    "docs/studies.md": LONG,
+    "docs/supervision.md": OPEN,
+    "docs/thesis.md": LONG,
+    "docs/tigrillo.md": LONG,
+    "docs/view.md": NAMES,
+}
+
+
+def test_blocks_of_commands_are_run_by_a_test_or_the_reason_is_here():
+    pages = {str(page.relative_to(ROOT)) for page in PAGES if BLOCK.search(page.read_text())}
+    pages = {page for page in pages if page.startswith("docs/") or "/" not in page}
+    assert pages == set(RUN) | set(NOT_RUN) and not set(RUN) & set(NOT_RUN)
+    for page, test in RUN.items():
+        assert page in (ROOT / test).read_text(), page
+
 
 def test_commands_are_read_as_a_shell_would(tmp_path):
     page = tmp_path / "page.md"

@@ -12,7 +12,7 @@ from loco_bringup.graph.processes import _environment
 pytestmark = [pytest.mark.ros, pytest.mark.xdist_group("graph")]
 
 # A file that the text names, with its block, or commands; in the order of the page.
-BLOCK = re.compile(r"[Aa]s `([\w./]+)`:\n\n```\w+\n(.*?)^```|^```sh\n(.*?)^```", re.S | re.M)
+BLOCK = re.compile(r"[Aa]s\s`([\w./]+)`:\n\n```\w+\n(.*?)^```|^```sh\n(.*?)^```", re.S | re.M)
 
 
 def follow(page, folder, changes=None):
@@ -63,3 +63,18 @@ def test_a_measured_log(repository, tmp_path):
     assert "Unknown" in said[1]
     assert "robot.yaml is a draft" in said[2] and "No gap" not in said[2]
     assert "Named: payload in pendulum." in said[3] and "position.z 0.52" in said[3]
+
+
+def test_a_hidden_gap(repository, tmp_path):
+    """With 4 s of each experiment, without ROS, and with two candidates in place of all."""
+    short = {"--set robot=hidden.yaml": "--set robot=hidden.yaml --layout rollout --duration 4",
+             "--set robot=hidden_hyq.yaml": "--set robot=hidden_hyq.yaml --layout rollout",
+             "run tigrillo_walk": "run tigrillo_walk --layout rollout --duration 2",
+             "tigrillo --hold": "tigrillo --effects load_friction coulomb_friction --hold",
+             "hyq --hold": "hyq --effects payload coulomb_friction --hold"}  # fmt: skip
+    said = list(follow(repository / "docs/tutorial_gap.md", tmp_path, short))
+    assert "usable" in said[1] and "Named: coulomb friction in rh hfe." in said[2]
+    assert "written: results/hidden/next_" in said[3] and "coulomb friction in rh hfe" in said[3]
+    assert (tmp_path / "results/hidden/gap.html").exists()
+    assert "done, 2.0 s simulated" in said[4]
+    assert "Named: coulomb friction in rf kfe." in said[5]
