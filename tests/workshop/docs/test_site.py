@@ -66,10 +66,11 @@ def test_flowcharts_are_drawn(site):
 def test_a_notebook_is_a_page_with_its_outputs():
     code = {"cell_type": "code", "source": ["1 + 1"], "outputs": [
         {"data": {"text/plain": ["2"]}}, {"text": ["done\n"]}, {"data": {"image/png": "ab\n"}},
+        {"data": {"text/plain": ["Gap(folder)"], "text/html": ["<pre>Named</pre>"]}},
     ]}  # fmt: skip
     text = notebook({"cells": [{"cell_type": "markdown", "source": ["# A"]}, code]})
     assert text.startswith("# A\n\n```python\n1 + 1\n```\n\n```text\n2\n```\n\n```text\ndone")
-    assert "![output](data:image/png;base64,ab)" in text
+    assert text.endswith("![output](data:image/png;base64,ab)\n\n<pre>Named</pre>\n")
     assert on_page_markdown("[n](csv_to_gap.ipynb)") == "[n](csv_to_gap.md)"
 
 

@@ -43,14 +43,16 @@ def on_files(files: Any, config: Any) -> Any:
 
 
 def notebook(content: dict[str, Any]) -> str:
-    """Markdown of a notebook: its text, its code, and stored outputs as text or PNG pictures."""
+    """Markdown of a notebook: its text, code, and stored outputs as HTML, text or PNG pictures."""
     parts = []
     for cell in content["cells"]:
         source = "".join(cell["source"])
         parts.append(source if cell["cell_type"] == "markdown" else f"```python\n{source}\n```")
         for output in cell.get("outputs", ()):
             data = output.get("data", {"text/plain": output.get("text", "")})
-            if "image/png" in data:
+            if "text/html" in data:
+                parts.append("".join(data["text/html"]))
+            elif "image/png" in data:
                 picture = "".join(data["image/png"]).replace("\n", "")
                 parts.append(f"![output](data:image/png;base64,{picture})")
             elif text := "".join(data.get("text/plain", "")):
