@@ -28,6 +28,7 @@ STRONG = {
     "com_offset": {"offset": (0.1, 0.05, 0.0)},
     "command_delay": {"delay": 0.012},
     "command_dropout": {"probability": 0.5},
+    "constant_force": {"force": (0.0, 100.0, 0.0)},
     "coulomb_friction": {"torque": 5.0},
     "coupled_friction": {"torque": 5.0, "damping": 0.5, "stroke": 0.05},
     "cubic_stiffness": {"cubic": 1000.0},

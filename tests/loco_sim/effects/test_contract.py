@@ -38,6 +38,7 @@ CLEAR = {
     "ground_height": {"height": 0.003, "foot": "lf_foot"},
     "series_elasticity": {"compliance": 0.5},
     "push": {"force": (1.0, 0.5, 0.2), "random": 0.5, "point": (0.0, 0.0, -0.1)},
+    "constant_force": {"force": (1.0, 0.5, 0.2), "point": (0.0, 0.0, -0.1)},
     "payload": {"mass": 0.2, "position": (0.02, 0.0, -0.01)},
     "sensor_bias": {"q": 0.1, "tau": 1.0, "gyro": (0.1, 0, 0), "accelerometer": (0, 0, 1.0)},
     "sensor_stuck": {"channel": "q"},

@@ -30,6 +30,18 @@ def test_a_bias_bends_a_position_loop_by_torque_over_gain():
     assert q[-1, 0] == pytest.approx(6.0 / AXIS.drives["slide"].kp, rel=1e-3)
 
 
+def test_a_drive_tells_the_force_that_it_holds_but_not_its_own_bias():
+    """Both bend a position loop the same: a force was called a slope, for want of a name."""
+    force, bias = (
+        run(AXIS, [spec], 1000)
+        for spec in ({"name": "constant_force", "force": [6.0, 2.0, 9.0]},
+                     {"name": "torque_bias", "torque": 6.0})
+    )  # fmt: skip
+    assert force.q[-1] == pytest.approx(bias.q[-1], rel=1e-9)
+    assert force.tau[-1, 0] == pytest.approx(-6.0, rel=1e-3)
+    assert bias.tau[-1, 0] == pytest.approx(0.0, abs=1e-3)
+
+
 def test_a_joint_comes_to_rest_where_a_ripple_is_zero_and_falling():
     """Without gravity, beside friction: sin(9 q) pushes to 2 pi / 18, wherever it begins."""
     level = robot.load("pendulum", {"sim.gravity": 0.0})

@@ -28,6 +28,7 @@ STRONG = {  # where the prior has no typical size, or one that throws a small ro
     "torque_ripple": {"sine": 0.03, "cosine": -0.02},
     "coupled_friction": {"torque": 0.02, "damping": 0.001, "stroke": 0.1},
     "command_dropout": {"probability": 0.4},
+    "constant_force": {"force": [0.5, 0.3, -0.2]},
     "push": {"force": [0.5, 0.3, -0.2], "random": 0.4, "shortest": 0.003, "longest": 0.02},
     "sensor_stuck": {"channel": "q"},
     "added_stiffness": {"stiffness": 0.5},

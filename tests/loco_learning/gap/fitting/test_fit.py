@@ -1,16 +1,17 @@
 # SPDX-License-Identifier: Apache-2.0
 """Fits leave the minimum next to their start for a deeper one."""
 
+import math
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from loco_learning.gap.fitting.fit import Setting, beyond, fit, jointly, weigh
+from loco_learning.gap.fitting.fit import Problem, Setting, beyond, fit, jointly, polish, weigh
 from loco_learning.gap.hypotheses.hypotheses import offer
 from loco_learning.gap.params import GapParams
 from loco_learning.gap.prediction.case import Case
-from loco_learning.gap.statistics.solve import guided
+from loco_learning.gap.statistics.solve import FEW, guided
 from loco_sim.effects.offers import Hints
 
 STRIBECK = {"name": "stribeck_friction", "torque": 4.3, "velocity": 0.085}
@@ -28,7 +29,7 @@ def at(hypothesis, **values):
 def test_a_wrong_shape_is_left_behind(bench):
     case, offered = bench([STRIBECK])
     (hypothesis,) = offered["stribeck_friction"].hypotheses
-    near = fit(case, [at(hypothesis, torque=0.5, velocity=1.0)], setting(evaluations=4))
+    near = weigh(case, [at(hypothesis, torque=0.5, velocity=1.0)], {})
     far = beyond(case, near, setting())
     assert far.fit_rms < 0.5 * near.fit_rms
     (spec,) = far.specs
@@ -49,6 +50,53 @@ def test_a_strength_alone_has_one_minimum(bench):
     before = case.count
     assert beyond(case, model, setting()) is model
     assert case.count == before
+
+
+ROUGH = {  # effects that are not smooth, at sizes that the bench shows
+    "backlash": {"width": 0.004, "inertia": 3.0},
+    "coulomb_friction": {"torque": 3.0},
+    "end_stop": {"angle": -0.06, "stiffness": 4e4, "damping": 100.0},
+    "stribeck_friction": STRIBECK,
+    "torque_limit": {"reduction": 0.9},
+    "torque_speed_line": {"slope": 5.0},
+}
+SCAN = (0.5, 0.8, 1.25, 2.0)  # times a value; a place is scanned by a tenth of the deviation from 1
+
+
+@pytest.mark.parametrize("name", ROUGH)
+def test_no_single_value_lowers_a_fit_of_an_effect_that_is_not_smooth(bench, name):
+    case, offered = bench([{"name": name, **ROUGH[name]}])
+    (hypothesis,) = offered[name].hypotheses
+    first, *rest = hypothesis.coordinates
+    begun = {c.name: ROUGH[name][c.name] for c in rest} | {
+        first.name: 0.3 * ROUGH[name][first.name]
+    }
+    model = polish(case, fit(case, [at(hypothesis, **begun)], setting()), setting())
+    exact = case.corrected(model.specs, {})
+    ((_, x),) = model.parts
+
+    def cost(values):
+        problem = Problem(exact, [(hypothesis, values)], setting())
+        r = problem(problem.start)
+        return 0.5 * float(r @ r)
+
+    for i, c in enumerate(hypothesis.coordinates):
+        for factor in SCAN:
+            moved = list(x)
+            ratio = factor if c.strength or c.logarithmic else 1.0 + 0.1 * (factor - 1.0)
+            moved[i] = c.clipped(x[i] + math.log(ratio) if c.logarithmic else x[i] * ratio)
+            assert cost(moved) > cost(x) - FEW, (c.name, factor)
+
+
+def test_a_stop_is_found_from_a_hundredth_of_its_stiffness(bench):
+    """The fit ran out of simulations at 4 kN/m and a damping on its bound."""
+    case, offered = bench([{"name": "end_stop", **ROUGH["end_stop"]}])
+    (hypothesis,) = offered["end_stop"].hypotheses
+    soft = at(hypothesis, angle=-0.054, stiffness=400.0, damping=1.0)
+    model = polish(case, fit(case, [soft], setting()), setting())
+    (spec,) = model.specs
+    for key, value in ROUGH["end_stop"].items():
+        assert spec[key] == pytest.approx(value, rel=0.1), key
 
 
 def test_unusual_shapes_strain_a_model(bench):

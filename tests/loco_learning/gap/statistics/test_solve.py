@@ -4,7 +4,7 @@
 import numpy as np
 import pytest
 
-from loco_learning.gap.statistics.solve import guided, minimise, soft
+from loco_learning.gap.statistics.solve import differences, guided, lowest, minimise, soft
 
 OPEN = (np.full(2, -np.inf), np.full(2, np.inf))
 
@@ -74,6 +74,37 @@ def test_the_budget_is_kept():
 
     minimise(fun, np.array([0.3, 5.0]), OPEN, 0.1, 15)
     assert count <= 15 + 2
+
+
+def test_a_difference_is_as_wide_as_the_residual_bears():
+    """Of the place of a stop an eighth is millimetres, where the encoder tells micrometres."""
+    r, steps = np.full(100, 1.0), np.array([0.12, 0.12])
+    slopes = differences(
+        lambda z: r + np.outer(np.ones(100), [1e3, 1.0]) @ z, np.zeros(2), r, steps, OPEN[1]
+    )
+    assert slopes[0] == pytest.approx([1e3, 1.0])
+    assert steps == pytest.approx([3e-4, 0.12])
+
+
+def test_a_jump_is_not_taken_for_a_slope():
+    def jump(z):
+        return np.array([1.0 + 100.0 * (z[0] > 0.0)])
+
+    steps = np.array([0.12])
+    slopes = differences(jump, np.zeros(1), np.ones(1), steps, np.ones(1))
+    assert slopes[0, 0] == pytest.approx(100.0 / 0.12) and steps[0] == 0.12
+
+
+def test_a_lower_minimum_a_stride_away_is_found():
+    bounds = np.full(1, -3.0), np.full(1, 3.0)
+
+    def fun(z):
+        return np.array([12.0 * (z[0] ** 2 - 1.0), 4.0 * (z[0] - 1.0)])
+
+    near = minimise(fun, np.array([-1.1]), bounds, 0.1, 30)
+    far = lowest(fun, np.array([-1.1]), bounds, 0.1, [(0, 1.9)], (100, 30))
+    assert near.z[0] < 0.0 < 30.0 < near.cost
+    assert far.z[0] == pytest.approx(1.0, abs=0.01) and far.cost < 0.5
 
 
 @pytest.mark.parametrize(("sign", "alone"), [(1.0, True), (-1.0, False)])

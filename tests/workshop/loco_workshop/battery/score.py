@@ -22,7 +22,7 @@ from .ground import walkers
 from .physics import machines
 
 TWINS = tuple({name, *cls.identity.twins} for name, cls in EFFECTS.items() if cls.identity.twins)
-LEVEL = {"com_offset", "slope"}  # for one joint both rotate the gravity torque
+LEVEL = {"com_offset", "constant_force", "slope"}  # of one joint
 LATE = frozenset({"command_delay", "sensor_latency"})  # effects of late stamps
 SURE = (NAMED, MORE)  # verdicts with a name, complete or not
 UNNAMED = ("ambiguous", "unknown", "no gap", "error")
@@ -115,7 +115,8 @@ def _both(
     """Whether all effects are named, where twins may be reported as ambiguous."""
     groups = [set(group) for group in _groups(result)]
     groups_named = {name for group in groups for name in group if name in true}
-    return all(group in twins for group in groups) and {*said, *groups_named} == set(true)
+    alike = all(any(group <= each for each in twins) for group in groups)
+    return alike and {*said, *groups_named} == set(true)
 
 
 def _options(result: Mapping[str, Any]) -> list[str]:

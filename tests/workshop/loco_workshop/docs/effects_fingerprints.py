@@ -178,6 +178,7 @@ FINGERPRINTS: dict[str, Fingerprint] = {
     ),
     "imu_tilt": tigrillo({"pitch": 0.1}, y="ahead", labels=("time [s]", "IMU ahead [m/s²]")),
     # outside
+    "constant_force": swing({"force": (0.3, 0.0, 0.0), "point": (0.0, 0.0, -0.4)}, begin=0.0),
     "push": swing({"force": (0.3, 0.0, 0.0), "random": 0.5, "point": (0.0, 0.0, -0.4)}, begin=0.0),
     "command_dropout": moved({"probability": 0.8}, q=ramp(0.1)),
 }

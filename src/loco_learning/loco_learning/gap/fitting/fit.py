@@ -11,17 +11,22 @@ from typing import Any
 
 import numpy as np
 
+from loco_sim.effects import EFFECTS
+from loco_sim.effects.coordinates import Coordinate
+
 from ..hypotheses.hypotheses import Hypothesis, Term
 from ..params import GapParams
 from ..prediction.case import Case
 from ..statistics import evidence
-from ..statistics.solve import FEW, FIRST, differences, guided, minimise, soft
+from ..statistics.solve import FEW, FIRST, differences, guided, lowest, minimise, soft
 
 JACOBIAN_STEP = 0.12  # finite difference for a Jacobian, in units of a coordinate
 SHAPE_UNIT = 0.7  # unit of a logarithmic shape: a factor of two
 FACTOR, PART = 0.9, 0.2  # stride of a logarithmic coordinate [log], and of others [range]
 SHORT_STRIDE = 0.35  # length of the short stride over that of the long one
 FREE_RANGE = 3.0  # largest change of the logarithm of a nominal value
+LEAST = 1e-6  # of a strength on a log scale, over its typical size
+NEAR = 0.1  # relative stride of a value that is not on a log scale (taste)
 AGAIN = 6  # simulations of a fit from another start, and one more per parameter
 DEVIATIONS, TURNS = 4.0, 4  # deviations of a value per unit; simulations per parameter (taste)
 
@@ -118,11 +123,9 @@ class Problem:
     def __init__(
         self,
         case: Case,
-        parts: Sequence[tuple[Hypothesis, Sequence[float]]],
-        free: Mapping[str, float],
-        nominal: Mapping[str, float],
-        spread: float,
-        scale: float,
+        parts: Parts,
+        setting: Setting,
+        free: Mapping[str, float] | None = None,
         only: Sequence[int] | None = None,
         coarse: bool = False,
     ):
@@ -131,30 +134,37 @@ class Problem:
         Args:
             case: Model and data.
             parts: Hypotheses with the coordinates to start from.
-            free: Initial guesses of the refitted nominal values.
-            nominal: Nominal values of the model before the fit.
-            spread: Standard deviation of their logarithm.
-            scale: Scale of the robust loss [floors].
+            setting: Settings that all fits share.
+            free: Initial guesses of the refitted nominal values, instead of those of `setting`.
             only: Indices of the records that are fitted; default all.
             coarse: Whether to simulate with the larger time steps of the model.
         """
-        self.case, self.parts, self.scale, self.only = case, list(parts), scale, only
-        self.coarse = coarse
-        self.free, self.nominal, self.spread = dict(free), dict(nominal), spread
-        self.units = np.concatenate(
-            [_units(h, x) for h, x in self.parts] + [np.full(len(self.free), 0.3)]
-        )
-        coordinates = [v for _, x in self.parts for v in x]
+        self.case, self.parts, self.scale, self.only = case, list(parts), setting.scale, only
+        self.free, self.coarse = dict(free or setting.free), coarse
+        self.nominal, self.spread = setting.nominal, setting.params.free_spread
+        self.each = [
+            (h, *row)
+            for h, x in self.parts
+            for row in zip(h.coordinates, x, _units(h, x), strict=True)
+        ]
         logs = [math.log(self.free[n] / self.nominal[n]) for n in self.free]
-        self.start = np.array([*coordinates, *logs]) / self.units
         bounds = [b for h, _ in self.parts for b in map(_bounds, h.coordinates)]
-        bounds += [(-FREE_RANGE, FREE_RANGE)] * len(self.free)
-        low, high = np.array(bounds).T.reshape(2, -1)
-        self.bounds = low / self.units, high / self.units
+        low, high = np.array([*bounds, *[(-FREE_RANGE, FREE_RANGE)] * len(logs)]).T.reshape(2, -1)
+        x = np.array([*(v for _, _, v, _ in self.each), *logs])
+        self.units = np.array([*(unit for *_, unit in self.each), *(0.3 for _ in logs)])
+        ratios = [*(_ratio(h, c, v) for h, c, v, _ in self.each), *(False for _ in logs)]
+        self.ratios = np.array(ratios, dtype=bool)
+        low[self.ratios] = np.maximum(low[self.ratios], LEAST)
+        self.start, *self.bounds = (self._scaled(v) for v in (x, low, high))
+
+    def _scaled(self, x: np.ndarray) -> np.ndarray:
+        """Coordinates in their units; strengths that are fitted as ratios on a log scale."""
+        return np.where(self.ratios, np.log(np.where(self.ratios, x, 1.0)), x) / self.units
 
     def split(self, z: np.ndarray) -> tuple[list, dict[str, Any]]:
         """Parts with their coordinates, and nominal values, at a point."""
         x, parts, at = z * self.units, [], 0
+        x[self.ratios] = np.exp(x[self.ratios])
         for hypothesis, _ in self.parts:
             count = len(hypothesis.coordinates)
             parts.append((hypothesis, tuple(float(v) for v in x[at : at + count])))
@@ -185,13 +195,26 @@ def _units(hypothesis: Hypothesis, x: Sequence[float]) -> np.ndarray:
     return np.array(
         [
             SHAPE_UNIT
-            if c.logarithmic
+            if c.logarithmic or _ratio(hypothesis, c, v)
             else max(abs(v), 0.1 * largest)
             if c.strength
             else min(max(abs(v), 0.3), 1.0)
             for c, v in zip(hypothesis.coordinates, x, strict=True)
         ]
     )
+
+
+def _rough(hypothesis: Hypothesis) -> bool:
+    """True for a non-smooth effect at one place."""
+    return not (EFFECTS[hypothesis.effect].identity.smooth or hypothesis.joints)
+
+
+def _ratio(hypothesis: Hypothesis, c: Coordinate, v: float) -> bool:
+    """True for a strength of a single non-smooth effect, which is fitted on a log scale.
+
+    The right stiffness of a stop may be a hundred times the screened one, and has no upper end.
+    """
+    return _rough(hypothesis) and c.strength and c.one_sided and v > 0.0
 
 
 def _unusual(hypothesis: Hypothesis, x: Sequence[float]) -> list[float]:
@@ -203,7 +226,7 @@ def _unusual(hypothesis: Hypothesis, x: Sequence[float]) -> list[float]:
     ]
 
 
-def _bounds(coordinate: Any) -> tuple[float, float]:
+def _bounds(coordinate: Coordinate) -> tuple[float, float]:
     """Bounds of a coordinate."""
     if coordinate.logarithmic:
         low = coordinate.inverse(max(coordinate.low, 1e-6 * coordinate.size))
@@ -241,9 +264,7 @@ def rough(case: Case, parts: Parts, setting: Setting) -> tuple[float, tuple]:
         Whitened rms on these records, and the parts with their coordinates.
     """
     only, params = list(setting.only), setting.params
-    problem = Problem(
-        case, parts, setting.free, setting.nominal, params.free_spread, setting.scale, only, True
-    )
+    problem = Problem(case, parts, setting, None, only, True)
     count = len(problem.start)
     solution = minimise(
         problem, problem.start, problem.bounds, JACOBIAN_STEP, params.rough + 2 * count
@@ -263,7 +284,7 @@ def fit(case: Case, parts: Parts, setting: Setting) -> Fitted:
         setting: Settings that all fits share.
     """
     params = setting.params
-    problem = Problem(case, parts, setting.free, setting.nominal, params.free_spread, setting.scale)
+    problem = Problem(case, parts, setting)
     z, cost = problem.start, 0.0
     if len(z):
         limit = params.evaluations + 5 * (len(z) - 1)
@@ -302,7 +323,33 @@ def polish(case: Case, model: Fitted, setting: Setting) -> Fitted:
         refit = fit(exact, model.parts, replace(setting, params=reduced, free=free))
         model = min((refit, model), key=_left)
     model = min((model, beyond(exact, model, setting)), key=_left)
-    return jointly(exact, model, setting)
+    return jointly(exact, to_minimum(exact, model, setting), setting)
+
+
+def to_minimum(case: Case, model: Fitted, setting: Setting) -> Fitted:
+    """The model at a minimum that half or twice a value of a non-smooth effect does not lower.
+
+    Motion against a stop, or friction that sticks, depends on such values in steps, and finite
+    differences about one of them may point nowhere.
+    """
+    params, problem = setting.params, Problem(case, model.parts, setting, model.overrides)
+    strides = _halves(problem)
+    if not strides:
+        return model
+    budgets = params.beyond, params.evaluations + 5 * (len(problem.start) - 1)
+    solution = lowest(problem, problem.start, problem.bounds, JACOBIAN_STEP, strides, budgets)
+    if np.array_equal(solution.z, problem.start):
+        return model
+    return weigh(case, *problem.split(solution.z), solution.cost)
+
+
+def _halves(problem: Problem) -> list[tuple[int, float]]:
+    """Indices of the coordinates of single non-smooth effects, and strides along them."""
+    return [
+        (i, (math.log(2.0) if c.logarithmic or problem.ratios[i] else NEAR * abs(v)) / unit)
+        for i, (h, c, v, unit) in enumerate(problem.each)
+        if _rough(h) and v
+    ]
 
 
 def jointly(case: Case, model: Fitted, setting: Setting) -> Fitted:
@@ -314,8 +361,7 @@ def jointly(case: Case, model: Fitted, setting: Setting) -> Fitted:
     """
     if not model.loose or case.straight(model.specs, model.overrides):
         return model
-    params, free = setting.params, model.overrides or setting.free
-    problem = Problem(case, model.parts, free, setting.nominal, params.free_spread, setting.scale)
+    problem = Problem(case, model.parts, setting, model.overrides)
     start = case.loose.deviations(model.loose) / DEVIATIONS
     count, reach = len(start), [limits / DEVIATIONS for limits in case.loose.reach]
     problem.case = case.at(DEVIATIONS * start)
@@ -329,8 +375,9 @@ def jointly(case: Case, model: Fitted, setting: Setting) -> Fitted:
         return problem(z[count:])
 
     r, highest = promise(start), problem.bounds[1]
-    robot = differences(promise, start, r, JACOBIAN_STEP, reach[1])
-    effects = differences(problem, problem.start, r, JACOBIAN_STEP, highest)
+    robot = differences(promise, start, r, np.full(count, JACOBIAN_STEP), reach[1])
+    steps = np.full(len(highest), JACOBIAN_STEP)
+    effects = differences(problem, problem.start, r, steps, highest, np.inf)  # a first guess
     bounds = [np.r_[x, y] for x, y in zip(reach, problem.bounds, strict=True)]
     z, slopes = np.r_[start, problem.start], np.hstack([robot, effects])
     budgets = FIRST + len(problem.start), TURNS * len(z) + AGAIN
@@ -350,9 +397,8 @@ def beyond(case: Case, model: Fitted, setting: Setting) -> Fitted:
     """
     if len(model.parts) > 1:
         return model
-    params, free = setting.params, model.overrides or setting.free
-    problem = Problem(case, model.parts, free, setting.nominal, params.free_spread, setting.scale)
-    strides = _strides(case, model.parts, problem.units)
+    params, problem = setting.params, Problem(case, model.parts, setting, model.overrides)
+    strides = _strides(problem)
     if not strides:
         return model
     r = problem(problem.start)
@@ -375,17 +421,18 @@ def beyond(case: Case, model: Fitted, setting: Setting) -> Fitted:
     return weigh(case, parts, overrides, cost)
 
 
-def _strides(case: Case, parts: Parts, units: np.ndarray) -> list[tuple[int, float]]:
+def _strides(problem: Problem) -> list[tuple[int, float]]:
     """Indices of coordinates that may have several minima, and the distance between these."""
-    step, strides = case.forward._robot(0, {}, 1.0).encoder_step, []
-    for i, c in enumerate(c for hypothesis, _ in parts for c in hypothesis.coordinates):
+    step, strides = problem.case.forward._robot(0, {}, 1.0).encoder_step, []
+    for i, (_, c, v, unit) in enumerate(problem.each):
         if c.logarithmic:
-            strides.append((i, FACTOR / units[i]))
+            strides.append((i, FACTOR / unit))
         elif not c.strength:
             width = np.ptp(c.start) if len(c.start) > 1 else PART * (c.high - c.low) / c.size
-            strides.append((i, float(width) / units[i]))
+            strides.append((i, float(width) / unit))
         elif step > 0.0 and c.unit == "rad":
-            strides.append((i, step / c.size / units[i]))
+            width = step / c.size
+            strides.append((i, (math.log1p(width / v) if problem.ratios[i] else width) / unit))
     return strides
 
 

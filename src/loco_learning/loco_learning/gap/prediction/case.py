@@ -256,7 +256,7 @@ class Case:
         def residual(at: np.ndarray) -> np.ndarray:
             return self._line(*self._fixed(specs, overrides, at))
 
-        slopes = differences(promise, start, promise(start), loose.PART, high)
+        slopes = differences(promise, start, promise(start), np.full(len(start), loose.PART), high)
         budgets = FIRST, ROUNDS * (len(start) + 1)
         found = guided(residual, start, (low, high), loose.PART, budgets, slopes, promised)
         return self._fixed(specs, overrides, found.z)

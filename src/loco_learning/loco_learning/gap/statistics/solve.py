@@ -8,7 +8,7 @@ delays are not smooth on a small scale.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,6 +16,12 @@ import numpy as np
 LONGEST_STEP = 1.5  # largest step of a coordinate, in its units
 SMALL = 1e-4  # relative decrease of the cost that is not worth a simulation
 FEW = 0.5  # absolute decrease of the cost [nat] that is not worth a simulation
+# Change of the residual by a difference, over its size, that is sought at first, and after fresh
+# differences led nowhere; factor on it from which on a difference is narrowed, and tries (taste).
+WIDE, NARROW, LOUD, TRIES = 0.3, 0.1, 3.0, 3
+ASTRAY = 10.0  # damping at which differences are taken, or narrower ones (taste)
+STEADY = 0.5  # share of the change that a narrower difference leaves; above, the residual jumps
+PROMISING = 10.0  # predicted decrease, over a small one, at which a small one is no end (taste)
 FIRST = 24  # simulations with a given Jacobian alone (taste)
 
 
@@ -88,28 +94,73 @@ def guided(
     return found if found.cost <= promised else minimise(fun, found.z, bounds, step, budgets[1])
 
 
+def lowest(
+    fun: Callable[[np.ndarray], np.ndarray],
+    z: np.ndarray,
+    bounds: tuple[np.ndarray, np.ndarray],
+    step: float,
+    strides: Sequence[tuple[int, float]],
+    budgets: tuple[int, int],
+) -> Solution:
+    """Least squares to a minimum from which no stride along one coordinate leads lower.
+
+    Args:
+        fun: Residual (N,) at coordinates (P,).
+        z: Initial coordinates, (P,).
+        bounds: Smallest and largest coordinates, (P,) each.
+        step: Finite difference for the Jacobian, in units of the coordinates.
+        strides: Indices of coordinates and lengths of the strides, taken both ways.
+        budgets: Largest numbers of simulations in all, and of each fit.
+    """
+    count = 0
+    while True:
+        solution = minimise(fun, z, bounds, step, budgets[1])
+        count, z, cost = count + solution.evaluations, solution.z, solution.cost
+        for i, stride in strides if count < budgets[0] else ():
+            for move in (stride, -stride):
+                moved = solution.z + move * np.eye(len(z))[i]
+                if bounds[0][i] <= moved[i] <= bounds[1][i]:
+                    r, count = fun(moved), count + 1
+                    if 0.5 * float(r @ r) < cost - FEW:
+                        z, cost = moved, 0.5 * float(r @ r)
+        if z is solution.z:
+            return Solution(solution.z, solution.cost, solution.jacobian, count)
+
+
 def differences(
     fun: Callable[[np.ndarray], np.ndarray],
     z: np.ndarray,
     r: np.ndarray,
-    step: float,
+    steps: np.ndarray,
     highest: np.ndarray,
+    target: float = WIDE,
 ) -> np.ndarray:
     """Jacobian, (N, P), by finite differences towards the inside of the bounds.
+
+    A difference that changes the residual by more than its size, `LOUD`, is replaced by a smaller
+    one: an eighth of the place of a stop is millimetres, the noise of an encoder is micrometres.
 
     Args:
         fun: Residual (N,) at coordinates (P,).
         z: Coordinates, (P,).
         r: Residual at `z`, (N,).
-        step: Difference, in units of the coordinates.
+        steps: Differences, in units of the coordinates, (P,); those that were used are put in.
         highest: Largest coordinates, (P,).
+        target: Change of the residual by a difference that is narrowed, over its size.
     """
-    columns = []
-    for p in range(len(z)):
-        h = step if z[p] + step <= highest[p] else -step
-        moved = z.copy()
-        moved[p] += h
-        columns.append((fun(moved) - r) / h)
+    columns, size = [], float(np.linalg.norm(r)) or 1.0
+    for p, axis in enumerate(np.eye(len(z))):
+        h, before = steps[p] if z[p] + steps[p] <= highest[p] else -steps[p], np.inf
+        for _ in range(TRIES):
+            change = fun(z + h * axis) - r
+            loud = float(np.linalg.norm(change)) / size
+            if not loud < STEADY * before:
+                break  # a jump, which a narrower difference only divides by less
+            column, steps[p], before = change / h, abs(h), loud
+            if loud < LOUD * target:
+                break
+            h *= target / loud
+        columns.append(column)
     return np.stack(columns, axis=1)
 
 
@@ -117,7 +168,8 @@ class _Search:
     """Levenberg-Marquardt iteration and its count of simulations."""
 
     def __init__(self, fun: Callable, bounds: tuple, step: float):
-        self.fun, self.bounds, self.step, self.count = fun, bounds, step, 0
+        self.fun, self.bounds, self.count = fun, bounds, 0
+        self.steps, self.target = np.full(len(bounds[0]), step), WIDE
 
     def at(self, z: np.ndarray) -> np.ndarray:
         self.count += 1
@@ -128,7 +180,7 @@ class _Search:
         given = jacobian is not None
         cost, damping, fresh = 0.5 * float(r @ r), 1e-3, not given
         if not given:
-            jacobian = differences(self.at, z, r, self.step, self.bounds[1])
+            jacobian = differences(self.at, z, r, self.steps, self.bounds[1], self.target)
         while self.count < budget:
             dz = self.move(z, jacobian, r, damping)
             model = r + jacobian @ dz
@@ -141,23 +193,29 @@ class _Search:
             if length > 0.0 and (new < cost or not fresh):  # too far for an update otherwise
                 jacobian = jacobian + np.outer(tried - model, dz) / length
             if new < cost:
-                small = cost - new < max(10.0 * SMALL * cost, FEW)
+                threshold = max(10.0 * SMALL * cost, FEW)
+                small = cost - new < threshold
                 z, r, cost, damping = z + dz, tried, new, max(damping / 5.0, 1e-6)
                 if not small:
                     fresh = False
                     continue
-                if fresh:
+                if fresh and gain < PROMISING * threshold:
                     break
             else:
                 damping *= 10.0
-                if damping > 1e4:
+                failing = damping > ASTRAY
+                if failing and fresh and self.target > NARROW:
+                    self.target, damping = NARROW, 1e-3
+                elif failing and given and not fresh and self.count + 2 * len(z) < budget:
+                    damping = 1e-3
+                elif damping > 1e4:
                     break
-                if fresh or given:
+                elif fresh or given:
                     continue
             if self.count + len(z) >= budget:
                 break
-            self.step = max(0.3 * self.step, 0.03)
-            jacobian = differences(self.at, z, r, self.step, self.bounds[1])
+            self.steps = np.maximum(0.3 * self.steps, np.minimum(self.steps, 0.03))
+            jacobian = differences(self.at, z, r, self.steps, self.bounds[1], self.target)
             fresh = True
         return Solution(z, cost, jacobian, self.count)
 

@@ -232,7 +232,8 @@ class _Judgement:
         self.about = best.specs if self._off(best) else None
         (best,) = self._finished(self._anew([best]))
         best, lost = self._pruned(best, limits)
-        estimates, analysis = sensitivities(self.case, best, doubtful=True)
+        exact = self.case.corrected(best.specs, best.overrides)  # as it was fitted
+        estimates, analysis = sensitivities(exact, best, doubtful=True)
         narrower = self._narrowed(best, estimates)
         if narrower and not self._needs(best, narrower, limits):
             return self._judged(narrower, limits)

@@ -24,7 +24,58 @@ if TYPE_CHECKING:
 
 
 @dataclass
-class Push(Effect, name="push"):
+class ConstantForce(Effect, name="constant_force"):
+    """A constant force on a point of a link, e.g. of a hose, a balancer or wind.
+
+    Measured torques include what the drives do against it, unlike those with a `torque_bias`.
+    """
+
+    force: tuple[float, float, float] = parameter(
+        (0.0, 0.0, 0.0), "force, world frame", "N", -1e4, 1e4
+    )
+    point: tuple[float, float, float] = parameter((0.0, 0.0, 0.0), "place, link frame", "m")
+    link: str = parameter("", "link that is pulled; empty is the base (last link if fixed)")
+
+    _link = None  # the base
+    blind = True
+
+    identity = Identity(
+        site="outside",
+        equation="F = force, on point of link",
+        priors={"force": Prior(-50.0, 0.0, 50.0)},
+        source="Siciliano, Sciavicco, Villani, Oriolo 2009, Robotics, section 3.8 (statics)",
+        look_alikes=(
+            LookAlike("slope", "turn the bench around, or add a load: a slope acts on every mass"),
+            LookAlike("torque_bias", "measured torque: drives report what they do against a force"),
+            LookAlike("push", "record for longer: a push ends"),
+            LookAlike("payload", "move fast: a force has no inertia"),
+            LookAlike("cable_force", "move to another place: the force of a cable changes"),
+        ),
+        touches=("force",),
+        passive=False,
+    )
+
+    @classmethod
+    def offers(cls, robot: Any, signals: Sequence[str], hints: Hints) -> list[Offer]:
+        """At the middle of each link, or of the base."""
+        return [
+            Offer(link, (("link", link), ("point", list(com))), vector(cls, "force"))
+            for link, com in reached(robot)
+        ]
+
+    def configure(self, world: World) -> None:
+        root = not self.link and not world.robot.fixed_base
+        self._link = None if root else carrier(world, self.link)
+
+    def pull(self) -> Pull | None:
+        return Pull(self._link, self.point, self.force)
+
+    def on_step(self, world: World, t: float) -> None:
+        world.push(self.force, link=self._link, point=self.point)
+
+
+@dataclass
+class Push(ConstantForce, name="push"):
     """A constant plus a random force on a point of a link.
 
     The random force is piecewise constant, uniform in +-`random` on each axis, and drawn
@@ -33,17 +84,9 @@ class Push(Effect, name="push"):
     a new draw every 25 to 250 control periods replaces the one before.
     """
 
-    force: tuple[float, float, float] = parameter(
-        (0.0, 0.0, 0.0), "force, world frame", "N", -1e4, 1e4
-    )
-    point: tuple[float, float, float] = parameter((0.0, 0.0, 0.0), "place, link frame", "m")
     random: float = parameter(0.0, "amplitude of the random force on each axis", "N", 0.0, 1e4)
     shortest: float = parameter(0.1, "shortest time between two draws", "s", low=0.0)
     longest: float = parameter(1.0, "longest time between two draws", "s", low=0.0)
-    link: str = parameter("", "link that is pushed; empty is the base (last link if fixed)")
-
-    _link = None  # the base
-    blind = True
 
     draws = True
     identity = Identity(
@@ -55,6 +98,7 @@ class Push(Effect, name="push"):
         look_alikes=(
             LookAlike("cable_force", "walk to another place: the force of a cable changes"),
             LookAlike("slope", "let the robot hop: a slope acts on every link"),
+            LookAlike("constant_force", "record for longer: a push ends"),
             LookAlike("slip", "robot in the air: a push still acts"),
         ),
         touches=("force",),
@@ -80,23 +124,19 @@ class Push(Effect, name="push"):
             rows.append(Offer(link, fixed, (*vector(cls, "force"), *times), f"{start:g} s"))
         return rows
 
-    def configure(self, world: World) -> None:
-        root = not self.link and not world.robot.fixed_base
-        self._link = None if root else carrier(world, self.link)
-
     def reset(self, rng: np.random.Generator) -> None:
         self._rng = rng
         self._next = -np.inf
-        self._now, self._drawn = np.array(self.force), None
+        self._latest, self._drawn = np.array(self.force), None
 
     def pull(self) -> Pull | None:
-        return None if self.random > 0.0 else Pull(self._link, self.point, self.force)
+        return None if self.random > 0.0 else super().pull()
 
     def on_step(self, world: World, t: float) -> None:
         if self.random > 0.0 and t >= self._next:
-            self._now = self.force + self._rng.uniform(-self.random, self.random, 3)
+            self._latest = self.force + self._rng.uniform(-self.random, self.random, 3)
             self._next = t + self._rng.uniform(*sorted((self.shortest, self.longest)))
-        if self._now is not self._drawn:
-            self._drawn, self._force = self._now, self._now.tolist()
+        if self._latest is not self._drawn:
+            self._drawn, self._force = self._latest, self._latest.tolist()
         if any(self._force):
             world.push(self._force, link=self._link, point=self.point)
