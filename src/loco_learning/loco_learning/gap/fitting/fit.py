@@ -322,8 +322,9 @@ def polish(case: Case, model: Fitted, setting: Setting) -> Fitted:
         free = model.overrides or setting.free
         refit = fit(exact, model.parts, replace(setting, params=reduced, free=free))
         model = min((refit, model), key=_left)
-    model = min((model, beyond(exact, model, setting)), key=_left)
-    return jointly(exact, to_minimum(exact, model, setting), setting)
+    for search in (beyond, to_minimum):  # with refitted values linearised, which may mislead
+        model = min((model, search(exact, model, setting)), key=_left)
+    return jointly(exact, model, setting)
 
 
 def to_minimum(case: Case, model: Fitted, setting: Setting) -> Fitted:
