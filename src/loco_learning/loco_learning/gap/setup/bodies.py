@@ -106,6 +106,12 @@ def gravity(bench: Bench) -> list[Finding]:
     angle = float(np.arccos(np.clip(np.cos(near[0]) * np.cos(near[1]), -1.0, 1.0)))
     if angle < LIMITS.tilted:
         return found
+    for i in np.flatnonzero(near != start):  # not where the motion does not depend on it
+
+        def missed(x: float, i: int = i) -> float:
+            return bench.miss(*tilted([*near[:i], x, *near[i + 1 :]]))
+
+        near[i] = lowest(missed, near[i] + LIMITS.finer * np.array([-1.0, 0.0, 1.0]))
     lies = "upside down" if angle > 0.9 * np.pi else f"inclined by {np.degrees(angle):.0f} degrees"
     turned = f"the weight pulls elsewhere than the model has it: the base is {lies}"
     tilt = bench.settled("gravity turned", (), turned, [tilted(near)], whole=True)

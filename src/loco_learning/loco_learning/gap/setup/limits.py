@@ -29,6 +29,7 @@ class Limits:
         scales: Ratios of the initial grid search.
         sections: Steps of the golden-section search about the best of them.
         tilted: Angle above which a base is mounted wrongly; less is a slope [rad].
+        finer: Distance to each side over which a wrong angle is searched in sections [rad] (taste).
         carried: Largest error of zero gravity over that of rotated gravity, which has two
             parameters.
         rounds: Largest number of mistakes of the robot or of whole joints that are found in turn.
@@ -62,6 +63,7 @@ class Limits:
     )
     sections: int = 10
     tilted: float = 0.35
+    finer: float = 0.03
     carried: float = 2.0
     rounds: int = 2
     jumps: int = 2
