@@ -21,6 +21,19 @@ def test_a_step_of_an_encoder_is_no_speed():
     assert found[2] == pytest.approx(0.04)
 
 
+@pytest.mark.parametrize("every", [2, 3, 4, 7])
+def test_a_slow_log_has_speeds_and_bends_where_it_was_read(every):
+    t = DT * np.arange(600)
+    q = np.stack([np.sin(3.0 * t), 0.5 * np.cos(5.0 * t)], axis=1)
+    slow = np.full(q.shape, np.nan)
+    slow[::every] = q[::every]
+    assert hints.fastest(slow, DT) == pytest.approx(hints.fastest(q, DT), rel=0.05)
+    bends = hints.bend(slow, DT)
+    assert np.isfinite(bends[::every]).mean() > 0.9
+    known = np.isfinite(bends[:, 0])
+    assert np.corrcoef(bends[known, 0], -q[known, 0])[0, 1] > 0.99
+
+
 def loud(*intervals, count=400, channels=2):
     """A residual of noise that is large between times."""
     rng, t = np.random.default_rng(1), DT * np.arange(count)

@@ -5,6 +5,7 @@ import math
 import subprocess
 import sys
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -16,6 +17,7 @@ from loco_learning.gap.prediction.forward import Forward
 from loco_learning.gap.preview import check, visible
 from loco_learning.gap.recordings import observe
 from loco_learning.gap.recordings.tracks import Track
+from loco_learning.gap.setup.bench import busiest
 from loco_learning.jobs import pool
 from loco_sim.bolted import kernels
 
@@ -234,3 +236,13 @@ def test_a_check_is_loaded_without_what_it_seldom_needs():
     command = [sys.executable, "-c", code]
     result = subprocess.run(command, capture_output=True, text=True, check=True)
     assert result.stdout.strip() == "[]"
+
+
+@pytest.mark.parametrize("every", [1, 4])
+def test_the_excerpt_of_a_slow_log_is_where_it_moves(every):
+    t = 0.005 * np.arange(2000)
+    q = np.full((2000, 1), np.nan)
+    q[::every, 0] = np.where(t > 6.0, np.sin(8.0 * (t - 6.0)), 0.0)[::every]
+    record = SimpleNamespace(t=t, dt=0.005, signals={"q": q}, rows=lambda a, b: (t[a], t[b - 1]))
+    first, last = busiest(record, 2.0)
+    assert first > 5.9 and last - first == pytest.approx(2.0)

@@ -54,7 +54,7 @@ def find(case: Case, robot: Robot) -> Hints:
 
 def bend(values: np.ndarray, dt: float) -> np.ndarray:
     """Second difference over `SPEED_TIME`, (T, C): of positions, proportional to missing torque."""
-    step, curvature = max(1, round(SPEED_TIME / dt)), np.full(values.shape, np.nan)
+    step, curvature = _rows(values, dt), np.full(values.shape, np.nan)
     if len(values) > 2 * step:
         middle = values[step:-step]
         curvature[step:-step] = values[2 * step :] - 2.0 * middle + values[: -2 * step]
@@ -93,12 +93,19 @@ def ripples(angles: Sequence[np.ndarray], residuals: Sequence[np.ndarray]) -> tu
 
 def fastest(q: np.ndarray, dt: float) -> np.ndarray:
     """Largest speed of each joint [rad/s], (n,), from positions (T, n); NaN where unknown."""
-    step = max(1, round(SPEED_TIME / dt))
+    step = _rows(q, dt)
     change = np.abs(q[step:] - q[:-step])
     measured = np.isfinite(change).any(axis=0)
     speeds = np.full(q.shape[1], np.nan)
     speeds[measured] = np.nanmax(change[:, measured], axis=0) / (step * dt)
     return speeds
+
+
+def _rows(values: np.ndarray, dt: float) -> int:
+    """Rows over `SPEED_TIME`, as a multiple of those between readings: of a slow log, several."""
+    read = np.flatnonzero(np.isfinite(values).any(axis=1))
+    between = max(1, int(np.median(np.diff(read)))) if len(read) > 1 else 1
+    return between * max(1, round(SPEED_TIME / (between * dt)))
 
 
 def distinct(intervals: Sequence[tuple[float, float]]) -> tuple[tuple[float, float], ...]:

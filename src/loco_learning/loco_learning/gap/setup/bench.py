@@ -207,7 +207,7 @@ def busiest(record: Record, seconds: float) -> Record:
     width = round(seconds / record.dt)
     if width >= len(record.t) - 1:
         return record
-    rates = np.nan_to_num(np.diff(record.signals["q"], axis=0))
+    rates = np.diff(bridged(record.signals["q"]), axis=0)
     size = np.maximum(np.sqrt(np.mean(rates**2, axis=0)), 1e-12)
     energy = np.concatenate([[0.0], np.cumsum(np.mean((rates / size) ** 2, axis=1))])
     first = int(np.argmax(energy[width:] - energy[:-width]))
