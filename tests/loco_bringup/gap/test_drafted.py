@@ -115,6 +115,24 @@ def test_joints_without_columns_are_locked_and_said(search, tmp_path, word):
     assert search("my.csv")[0] == 0
 
 
+def test_joints_that_the_mapping_knows_are_not_locked(search, tmp_path):
+    """A joint held in this recording, and one that a correction names."""
+    shutil.copytree(Path(pybullet_data.getDataPath(), "franka_panda"), tmp_path, dirs_exist_ok=True)
+    shutil.move("panda.urdf", "my.urdf")
+    names = [f"panda_joint{i}" for i in range(1, 7)]
+    table("my.csv", **{n: 0.3 * np.sin((1.0 + 0.3 * i) * T) for i, n in enumerate(names)})
+    columns = "".join(
+        f"  - {{column: {n}, role: {role}, joint: {n}}}\n"
+        for n in names
+        for role in ("q", "command_position")
+    )
+    held = "locked: {panda_joint7: 0.2}\n"
+    (tmp_path / "map.yaml").write_text(f"time: {{column: t}}\ncolumns:\n{columns}{held}")
+    code, said, asked = search("my.csv", "--mapping", "map.yaml")
+    assert code == 0, said
+    assert asked["model"].make_robot().joints == (*names, "panda_joint7")
+
+
 def test_what_is_no_table_of_names_is_one_line_and_writes_no_mapping(search, tmp_path):
     table("my.csv", a=T, b=T)
     code, said, _ = search("my.csv")

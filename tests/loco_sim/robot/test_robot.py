@@ -152,6 +152,21 @@ def test_a_locked_joint_stays_where_it_is_as_a_part_of_its_link(folder, kind, jo
     assert Bolted(fixed).inertia(np.array([0.4]))[0, 0] == pytest.approx(whole[1, 1], rel=1e-9)
 
 
+def test_what_follows_a_locked_joint_is_locked_too(folder):
+    urdf = ONE_JOINT.replace("</robot>", FINGER.format(kind="revolute"))
+    follows = '<mimic joint="elbow" multiplier="2" offset="0.1"/></joint></robot>'
+    made = folder(urdf=urdf.replace("</joint></robot>", follows), joints=["elbow", "wrist"])
+    values = yaml.safe_load((made / "robot.yaml").read_text())
+    (made / "robot.yaml").write_text(yaml.safe_dump({**values, "locked": {"elbow": 0.3}}))
+    fixed = robot.load(made)
+    assert fixed.joints == () and not Description(fixed.urdf).joint_types()
+    free = robot.load(folder(urdf=urdf, joints=["elbow", "wrist"]))
+    got = frames.link_frames(fixed, np.zeros((1, 0)))["tip"]
+    wanted = frames.link_frames(free, np.array([[0.3, 0.7]]))["tip"]
+    for a, b in zip(got, wanted, strict=True):
+        assert np.allclose(a, b, atol=1e-9)
+
+
 @pytest.mark.parametrize(
     ("locked", "message"),
     [({"toe": 0.0}, "toe"), ({"elbow": "x"}, "position"), (["elbow"], "position")],

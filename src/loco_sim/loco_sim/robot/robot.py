@@ -202,6 +202,8 @@ def load(name_or_path: str | Path, overrides: Mapping[str, Any] | None = None) -
     bolted = bool({**values, **(overrides or {})}.get("fixed_base", False))
     _checked(text, urdf, bolted)
     description = Description(text)
+    if values.get(LOCKED):
+        values = _with_locked(values, description, path)
     legs = None
     if "legs" in values:
         values, legs = _with_legs(values, description, path)
@@ -209,9 +211,6 @@ def load(name_or_path: str | Path, overrides: Mapping[str, Any] | None = None) -
     limits = _check_names(path, description, joints, feet)
     moved = [description.child(joint) for joint in joints]
     values = equipment.expanded(values, joints, description.links(), path)
-    if values.get(LOCKED):
-        values, moving = _with_locked(values, description, path)
-        joints, limits = tuple(values["joints"]), limits[moving]
     equipment.override(values, overrides or {}, description.links())
     try:
         fitted = _fit(path.parent, description, joints, feet, values)
@@ -231,27 +230,37 @@ def load(name_or_path: str | Path, overrides: Mapping[str, Any] | None = None) -
     )
 
 
-def _with_locked(
-    values: dict[str, Any], description: Description, path: Path
-) -> tuple[dict[str, Any], np.ndarray]:
-    """Contents without the joints in ``locked``, fixed in the URDF; flags of the others, (n,)."""
-    locked, joints = values[LOCKED], values["joints"]
+def _with_locked(values: dict[str, Any], description: Description, path: Path) -> dict[str, Any]:
+    """Contents without the joints in ``locked`` and those that follow them, fixed in the URDF."""
+    locked, types, legs = values[LOCKED], description.joint_types(), values.get("legs") or {}
     if not isinstance(locked, dict) or not all(map(_is_number, locked.values())):
         raise ParameterError(f"{path}: {LOCKED} must give joints a position, got {shown(locked)}")
-    types = description.joint_types()
-    for joint, position in locked.items():
+    of_legs = {v for leg in legs.values() if isinstance(leg, dict) for v in leg.values()}
+    for joint in locked:
         if joint not in types:
             raise NameUnknownError(f"joint of the URDF that {path} locks", joint, types)
-        if "legs" in values and joint in joints:
+        if joint in of_legs:
             raise ParameterError(f"{path}: {LOCKED}: {joint} is a joint of a leg, which cannot be")
+    locked = dict(locked)
+    followers = _followers(description, tuple(types))
+    while more := {
+        joint: factor * locked[leader] + offset
+        for joint, (leader, factor, offset) in followers.items()
+        if leader in locked and joint not in locked
+    }:
+        locked |= more
+    for joint, position in locked.items():
         description.lock(joint, float(position))
-    moving = np.array([joint not in locked for joint in joints])
-    kept = {"joints": [joint for joint in joints if joint not in locked]}
+    joints = values["joints"]
+    moving = [joint not in locked for joint in joints]
+    kept = {LOCKED: locked, "joints": [joint for joint in joints if joint not in locked]}
     if values.get("standing"):
         kept["standing"] = _standing(values["standing"], len(joints))[moving].tolist()
     for section in equipment.BY_JOINT:
-        kept[section] = {j: entry for j, entry in values[section].items() if j not in locked}
-    return {**values, **kept}, moving
+        entries = values.get(section) or {}
+        if isinstance(entries, dict):
+            kept[section] = {key: entry for key, entry in entries.items() if key not in locked}
+    return {**values, **kept}
 
 
 def _followers(

@@ -119,3 +119,12 @@ def test_rows_that_are_none_are_one_line(rows):
 def test_a_header_sets_its_override_as_it_is_where_nothing_else_is_said():
     header = mapping.loads("header: {kp: {override: drives.hinge.kp}}").header["kp"]
     assert (header.override, header.scale, header.offset) == ("drives.hinge.kp", 1.0, 0.0)
+
+
+@pytest.mark.parametrize("time", ["{rate: 50, scale: 0.5}", "{column: t, scale: 0}",
+                                  "{column: t, scale: -1}", "{column: t, scale: 1e300}"])  # fmt: skip
+def test_a_scale_of_times_is_a_factor_for_a_column(tmp_path, time):
+    path = tmp_path / "mapping.yaml"
+    path.write_text(f"time: {time}\ncolumns:\n  - {{column: q, role: q, joint: knee}}\n")
+    with pytest.raises(LocoError, match="time.scale must be 0.001 to 1000, and needs time.column"):
+        mapping.load(path)

@@ -8,6 +8,8 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
+import yaml
+
 from loco_control.exceptions import BagError, MissingFileError, ParameterError
 from loco_control.files import write_whole
 from loco_control.reading import understood
@@ -17,6 +19,7 @@ from loco_learning.gap.recordings.record import Doubt, Record
 from loco_learning.gap.recordings.tracks import Track
 from loco_sim import lazy
 from loco_sim.plant import model as models
+from loco_sim.robot import robot as robots
 from loco_sim.robot.robot import Robot
 
 from ..bag.foreign.opening import KINDS, open_bag, suffix_of
@@ -85,13 +88,16 @@ def _fitting(text: str, rules: Mapping, robot: str) -> str:
     if "command_torque" in roles and "command_position" not in roles:
         text = text.replace("[control_rate, drives]", "[control_rate]")
         text = re.sub(r"kind: impedance, [^}]*", "kind: torque", text)
-    made, places = models.load_any(robot).make_robot(), {column.place for column in rules.columns}
-    known = {joint for joint, lead in made.followers.items() if lead[0] in places} | places
-    still = {j: float(q) for j, q in zip(made.joints, made.standing, strict=True) if j not in known}
-    if not still or len(still) == len(made.joints):
+    model = models.load_any(robot).make_robot()
+    places = {column.place for column in rules.columns} | {*rules.locked}
+    places |= {mend.other for mend in rules.mend}
+    places |= {joint for joint, coupling in model.followers.items() if coupling[0] in places}
+    positions = zip(model.joints, model.standing, strict=True)
+    locked = {joint: float(q) for joint, q in positions if joint not in places}
+    if not locked or len(locked) == len(model.joints) or model.legs is not None:
         return text
-    listed = ", ".join(f"{joint}: {position:g}" for joint, position in still.items())
-    return f"{text.rstrip()}\nlocked: {{{listed}}}  # guessed, as the log has no column of them\n"
+    line = yaml.safe_dump({robots.LOCKED: locked}, default_flow_style=True, width=1e6)[1:-2]
+    return f"{text.rstrip()}\n{line}  # guessed, as the log has no column of them\n"
 
 
 def _is_undescribed(path: Path) -> bool:

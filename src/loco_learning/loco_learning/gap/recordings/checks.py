@@ -62,11 +62,12 @@ def _commanded(name: str, joint: str, seen: set[tuple[str, str]], robot: Robot) 
     roles = [role for role in REQUIRED[1:] if (role, joint) in seen]
     needed = getattr(robot.drives.get(joint), "command", "position")
     if f"command_{needed}" not in roles:
-        held = "" if roles else f"; if nothing moved it, add to robot.yaml: locked: {{{joint}: 0}}"
+        hint = f"; if nothing moved it, add to robot.yaml: locked: {{{joint}: 0}}"
+        hint = "" if roles or robot.legs is not None else hint
         raise ParameterError(
             f"{name}: role command_{needed} of joint {joint} is missing, which robot "
             f"{robot.name!r} drives by {needed}; this joint has {', '.join(roles) or 'no command'}"
-            f"{held}"
+            f"{hint}"
         )
 
 

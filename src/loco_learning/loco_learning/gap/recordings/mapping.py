@@ -216,7 +216,11 @@ def loads(text: str, path: str | Path = FILE) -> Mapping:
                 f"got {shown(pattern)}"
             )
     time = _keys(values.get("time") or {}, ("column", "unit", "rate", "scale"), "time")
-    scale = _positive(time.get("scale", 1.0), "time.scale") or 1.0
+    scale = units.number(time.get("scale", 1.0), "time.scale")
+    if not 1e-3 <= scale <= 1e3 or ("scale" in time and "column" not in time):
+        raise ParameterError(
+            f"{path.name}: time.scale must be 0.001 to 1000, and needs time.column; got {scale:g}"
+        )
     unit = scale * _unit(time.get("unit", "s"), ("time",), "time", False)
     header = _keys(values.get("header") or {}, None, "header")
     return Mapping(

@@ -17,7 +17,6 @@ from loco_sim.robot.description import Description
 from loco_sim.robot.robot import Robot
 
 from ..setup.finding import MAPPING, OFFSET, SCALE, SIGN, UNIT, Change, Finding
-from .lags import rates
 from .record import Record
 from .tracks import Track
 from .units import TURN
@@ -153,9 +152,14 @@ def _velocity(record: Record, joint: str, turning: bool) -> Iterator[Finding]:
     rows = np.flatnonzero(np.isfinite(q))  # of a slow log, some of the rows
     if len(rows) < 2:
         return
-    dt, q, dq = record.dt * float(np.median(np.diff(rows))), q[rows], dq[rows]
-    width = max(1, min(round(0.03 / dt), len(q) // 40))
-    ratio, correlation = slope(_smooth(rates(q, dt), width), _smooth(dq, width))
+    step = int(np.median(np.diff(rows)))
+    pairs = rows[:-1][np.diff(rows) == step]  # no pauses
+    dt, steps = step * record.dt, (q[pairs + step] - q[pairs]) / (step * record.dt)
+    width = max(1, min(round(0.03 / dt), len(pairs) // 40))
+    speeds = _smooth(steps, width)
+    if width == 1 and np.std(np.diff(speeds)) > np.std(speeds):
+        return  # hardly two samples a radian: neither difference nor mean are those of the motion
+    ratio, correlation = slope(speeds, _smooth(0.5 * (dq[pairs] + dq[pairs + step]), width))
     if abs(correlation) < 0.8:
         return
     for factor, meaning in RATIOS.items():

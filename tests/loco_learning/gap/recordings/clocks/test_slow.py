@@ -10,6 +10,7 @@ import pytest
 from loco_learning.gap.recordings import align
 from loco_learning.gap.recordings.clocks import slow
 from loco_learning.gap.recordings.record import Doubt
+from loco_learning.gap.recordings.tracks import Track
 
 WORDS = "logged at"
 
@@ -53,7 +54,7 @@ CURVES = {
 def test_the_curve_between_samples_is_the_one_that_errs_least(monkeypatch, shape, degree):
     axis, robot = np.arange(0.0, 9.9, 0.005), SimpleNamespace(control_rate=200.0)
     times = np.arange(0.0, 10.0, 0.02)
-    track = SimpleNamespace(t=times, x=CURVES[shape](times))
+    track = Track("command_position", "hinge", times, CURVES[shape](times), "a")
     made, told = slow.interpolated(track, axis, robot)
 
     def rms(values):
@@ -66,6 +67,16 @@ def test_the_curve_between_samples_is_the_one_that_errs_least(monkeypatch, shape
         alone, _ = slow.interpolated(track, axis, robot)
         assert np.array_equal(alone, made) is (tried == degree)
         assert error <= rms(alone - CURVES[shape](axis))
+
+
+@pytest.mark.parametrize("apart", [1e-9, 1e-6, 1e-4, 1e-3])
+def test_two_rows_close_together_make_no_wild_command(apart):
+    times = np.arange(0.0, 10.0, 0.02)
+    times[51] = times[50] + apart
+    noise = 1e-6 * np.random.default_rng(1).normal(size=len(times))
+    track = Track("command_position", "hinge", times, 0.5 * np.sin(3.0 * times) + noise, "a")
+    made, _ = slow.interpolated(track, np.arange(0.0, 9.9, 0.005), SimpleNamespace(control_rate=200))
+    assert np.max(np.abs(made)) < 0.51
 
 
 @pytest.mark.parametrize("rate", [30.0, 40.0])

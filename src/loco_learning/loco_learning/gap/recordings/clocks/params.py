@@ -95,12 +95,15 @@ class SlowParams:
             where every second is; less than halfway to it is a clock that is a little off.
         samples: Values of a command of which one in four still makes a curve [values]. Theory: six
             for a spline of degree 5.
+        close: Distance of two values, over the median one, at which the second is left out: a slope
+            between them is that of their noise (taste).
         degrees: Degrees of the curves that are tried between values: 3 is a local cubic, 5 a
             spline. Theory: errors fall with the distance of values to the power of degree + 1.
     """
 
     ratio: float = 1.5
     samples: int = 24
+    close: float = 0.1
     degrees: tuple[int, ...] = (3, 5)
 
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -71,6 +72,8 @@ def interpolated(track: Track, axis: np.ndarray, robot: Robot) -> tuple[np.ndarr
     the order of convergence from those through every fourth and every second: it is half of each
     step, and small for smooth commands.
     """
+    apart = np.diff(track.t, prepend=-np.inf) > SLOW.close * np.median(np.diff(track.t))
+    track = replace(track, t=track.t[apart], x=track.x[apart])
     delay = 0.5 / robot.control_rate - 0.5 * float(axis[1] - axis[0])  # mean of a held command
     t = np.clip(axis - delay, track.t[0], track.t[-1])
     degree = min(SLOW.degrees, key=lambda degree: _error(track, degree, 2))
