@@ -59,6 +59,14 @@ def test_shipped_files_are_valid_and_a_wrong_key_is_not(kind):
         assert not validator.is_valid({**values, "no such key": 1}), path
 
 
+def test_locked_joints_and_a_scale_of_times_are_valid():
+    made = read_yaml(files("robot")[0])
+    assert valid("robot", {**made, "locked": {"finger": 0.01}})
+    assert not valid("robot", {**made, "locked": {"finger": "open"}})
+    columns = [{"column": "q", "role": "q", "joint": "knee"}]
+    assert valid("mapping", {"time": {"column": "t", "scale": 0.5}, "columns": columns})
+
+
 def test_plans_are_valid():
     for name, entries in read_yaml(evidence.file("plans.yaml")).items():
         assert valid("plan", entries), name

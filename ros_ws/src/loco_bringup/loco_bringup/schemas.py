@@ -171,6 +171,7 @@ def _robot() -> Schema:
         "standing": {**_nullable(NUMBERS), "description": "joint positions at the start [rad]"},
         "legs": {**_mapping(dict.fromkeys(LEGS, leg)), "description": "legs of a quadruped"},
         "control_rate": {**NUMBER, "description": "usual rate of commands [Hz]"},
+        "locked": _by_name({**NUMBER, "description": "fixed at [rad or m]"}, "joint"),
         "height": {**_nullable(NUMBER), "description": "height of the base at the start [m]"},
         "fixed_base": {**TRUTH, "description": "the base is bolted to the world"},
         "drives": _by_name(_drive(), "joint"),
@@ -181,7 +182,7 @@ def _robot() -> Schema:
         "bodies": _by_name(of_params(equipment.BodyParams), "link"),
         **{k: of_params(v) for k, v in (("sensors", SensorParams), ("sim", SimParams))},
         "fall": of_params(FallLimits),
-        "guessed": {**_nullable(TEXTS), "description": "what a draft guessed: control_rate, drives"},
+        "guessed": {**_nullable(TEXTS), "description": "guesses of a draft: control_rate, drives"},
         "uncertain": _by_name({**deviation, "description": "standard deviation"}, "dotted name"),
     }
     return _mapping(keys, ("urdf", "joints"))
@@ -281,7 +282,7 @@ def _mapping_file() -> Schema:
         "description": TEXT,
         "files": {"anyOf": [TEXT, TEXTS]},
         "samples": TEXT,
-        "time": _mapping({"column": TEXT, "unit": TEXT, "rate": number}),
+        "time": _mapping({"column": TEXT, "unit": TEXT, "rate": number, "scale": number}),
         "rate": number,
         "columns": {"type": "array", "items": column},
         "header": _by_name(header, "field of a log's header"),

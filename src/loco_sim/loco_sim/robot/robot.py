@@ -46,8 +46,8 @@ class FallLimits(Params):
     pitch: float = parameter(10.0, "|pitch| larger than this", "rad", low=0.0)
 
 
-# Default fall limits of a quadruped: those of HyQ (the author's hyq_ml), scaled to its size.
 LOCKED = "locked"  # key of robot.yaml: joints that do not move, with their positions
+# Default fall limits of a quadruped: those of HyQ (the author's hyq_ml), scaled to its size.
 LEGGED_FALL = FallLimits(height=0.35, roll=0.8, pitch=0.8)
 HYQ_LEGS = 25.796  # mass of HyQ's legs [kg], reference for scaling drive gains
 

@@ -89,8 +89,7 @@ def _fitting(text: str, rules: Mapping, robot: str) -> str:
         text = text.replace("[control_rate, drives]", "[control_rate]")
         text = re.sub(r"kind: impedance, [^}]*", "kind: torque", text)
     model = models.load_any(robot).make_robot()
-    places = {column.place for column in rules.columns} | {*rules.locked}
-    places |= {mend.other for mend in rules.mend}
+    places = {c.place for c in rules.columns} | {*rules.locked} | {m.other for m in rules.mend}
     places |= {joint for joint, coupling in model.followers.items() if coupling[0] in places}
     positions = zip(model.joints, model.standing, strict=True)
     locked = {joint: float(q) for joint, q in positions if joint not in places}

@@ -11,6 +11,7 @@ from loco_sim.effects.offers import Hints
 from loco_sim.robot.robot import Robot
 
 from ..prediction.case import Case
+from ..recordings.record import spacing
 
 SPEED_TIME = 0.05  # [s] of a speed's average, so that one step of a coarse encoder is no speed
 ENERGY_TIME = 0.1  # [s] over which the energy of a residual is averaged
@@ -103,8 +104,7 @@ def fastest(q: np.ndarray, dt: float) -> np.ndarray:
 
 def _rows(values: np.ndarray, dt: float) -> int:
     """Rows over `SPEED_TIME`, as a multiple of those between readings: of a slow log, several."""
-    read = np.flatnonzero(np.isfinite(values).any(axis=1))
-    between = max(1, int(np.median(np.diff(read)))) if len(read) > 1 else 1
+    between = spacing(np.flatnonzero(np.isfinite(values).any(axis=1)))
     return between * max(1, round(SPEED_TIME / (between * dt)))
 
 

@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from ..prediction.phases import WHOLE, phases, position
-from ..recordings.record import Record
+from ..recordings.record import Record, spacing
 
 BANDS = (1.0, 5.0, 20.0)  # edges of the frequency bands [Hz]
 JOINT_SIGNALS = ("q", "dq", "tau")
@@ -130,7 +130,7 @@ def split(residual: np.ndarray, dt: float) -> list[tuple[str, np.ndarray, float]
         dt: Time between rows [s].
     """
     samples = np.flatnonzero(np.isfinite(residual))
-    every = int(np.median(np.diff(samples))) if len(samples) > 1 else 1
+    every = spacing(samples)
     grid = np.arange(samples[0], samples[-1] + 1, every)
     values = np.interp(grid, samples, residual[samples])
     rate = 1.0 / (every * dt)

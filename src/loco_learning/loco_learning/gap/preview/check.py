@@ -148,7 +148,7 @@ def _contents(
 ) -> dict[str, Any]:  # fmt: skip
     """Contents of ``check.json``; no effect is tested if the set-up must be corrected first."""
     empty = {name: [] for name in ("channels", "effects", "not_tried", "notes", "search_seconds")}
-    about = [recording(r, _way(robot)) for r, robot in zip(records, robots, strict=True)]
+    about = [recording(r, robot) for r, robot in zip(records, robots, strict=True)]
     return plain(
         {
             "format": FORMAT,
@@ -162,7 +162,7 @@ def _contents(
     )
 
 
-def recording(record: Record, way: str) -> dict[str, Any]:
+def recording(record: Record, robot: Robot) -> dict[str, Any]:
     """Properties of a recording: signals, time stamps, travel of joints, delay after commands."""
     q = record.signals["q"]
     command = record.command.get("position")
@@ -177,7 +177,7 @@ def recording(record: Record, way: str) -> dict[str, Any]:
     return {
         "name": record.name,
         "role": record.role,
-        "held": way,
+        "held": "bolted" if robot.fixed_base else "free",
         "seconds": record.duration,
         "rate": 1.0 / record.dt,
         "commands": list(record.command),
@@ -276,10 +276,6 @@ def _row(one: Visible, robot: Robot) -> dict[str, Any]:
     text = Description(robot.urdf)
     sliding = text.joint_types().get(one.place) == "prismatic"
     return asdict(replace(one, unit=ON_SLIDES.get(one.unit, one.unit) if sliding else one.unit))
-
-
-def _way(robot: Robot) -> str:
-    return "bolted" if robot.fixed_base else "free"
 
 
 def _travel(q: np.ndarray) -> np.ndarray:

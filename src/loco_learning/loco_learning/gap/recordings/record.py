@@ -255,6 +255,11 @@ def _shape(name: str, what: str, values: np.ndarray, wanted: tuple[int, ...]) ->
         raise ParameterError(f"{name}: {what} has the shape {np.shape(values)}, wanted {wanted}")
 
 
+def spacing(rows: np.ndarray) -> int:
+    """Median distance of rows with a reading, (K,): 1, or more in a log slower than the axis."""
+    return int(np.median(np.diff(rows))) if len(rows) > 1 else 1
+
+
 def bridged(values: np.ndarray) -> np.ndarray:
     """Signals with missing values interpolated linearly; at the ends they are held.
 

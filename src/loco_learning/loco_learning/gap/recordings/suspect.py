@@ -17,7 +17,7 @@ from loco_sim.robot.description import Description
 from loco_sim.robot.robot import Robot
 
 from ..setup.finding import MAPPING, OFFSET, SCALE, SIGN, UNIT, Change, Finding
-from .record import Record
+from .record import Record, spacing
 from .tracks import Track
 from .units import TURN
 
@@ -152,7 +152,7 @@ def _velocity(record: Record, joint: str, turning: bool) -> Iterator[Finding]:
     rows = np.flatnonzero(np.isfinite(q))  # of a slow log, some of the rows
     if len(rows) < 2:
         return
-    step = int(np.median(np.diff(rows)))
+    step = spacing(rows)
     pairs = rows[:-1][np.diff(rows) == step]  # no pauses
     dt, steps = step * record.dt, (q[pairs + step] - q[pairs]) / (step * record.dt)
     width = max(1, min(round(0.03 / dt), len(pairs) // 40))
