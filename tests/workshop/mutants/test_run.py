@@ -2,6 +2,7 @@
 """A module with a test that sees one of its lines: the mutants of the other line survive."""
 
 import os
+import py_compile
 from pathlib import Path
 
 import pytest
@@ -65,6 +66,12 @@ def test_mutants_made_by_hand_stand_beside_the_others_or_alone(clone, monkeypatc
     ends = {v.change: v.end for v in verdicts}
     assert ends == {"by hand: it adds two": "killed", "by hand: it is larger": "survived"}
     assert len(survey(clone)[0]) > len(verdicts)
+
+
+def test_byte_code_of_the_original_never_stands_for_a_mutant(clone):
+    always = py_compile.PycInvalidationMode.UNCHECKED_HASH
+    py_compile.compile(str(clone / MODULE), invalidation_mode=always)
+    assert "seen killed" in ends(survey(clone)[0])
 
 
 def test_a_change_of_the_tests_begins_anew_or_with_the_survivors(clone):

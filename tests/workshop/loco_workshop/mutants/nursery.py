@@ -45,8 +45,10 @@ def _tested(root: Path, module: Path, text: str, allowed: float, words: list[str
     with tempfile.TemporaryDirectory(prefix="loco_mutant_") as folder:
         sources, scratch = Path(folder, "sources"), Path(folder, "tmp")
         scratch.mkdir()
-        # Symbolic links are resolved, since their targets are not copied.
-        shutil.copytree(root / package, sources / package.name)
+        # Symbolic links are resolved, since their targets are not copied. Byte code stays behind:
+        # it would stand for a mutant of equal size and equal second.
+        compiled = shutil.ignore_patterns("__pycache__")
+        shutil.copytree(root / package, sources / package.name, ignore=compiled)
         Path(folder, "tests").symlink_to(root / "tests")  # or the copy would be in no clone
         (sources / module.relative_to(package.parent)).write_text(text, encoding="utf-8")
         process = os.fork()
