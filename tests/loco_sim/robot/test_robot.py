@@ -87,6 +87,15 @@ def test_any_robot_can_be_read_from_a_folder(folder):
     np.testing.assert_array_equal(bench.effort, [3.0])
 
 
+@pytest.mark.parametrize(("stated", "base"), [({}, 1.0), ({"height": 0.2}, 0.2)])
+def test_a_bolted_robot_hangs_above_the_ground_unless_a_height_is_stated(folder, stated, base):
+    ball = '<origin xyz="0 0 -0.5"/><geometry><sphere radius="0.4"/></geometry>'
+    urdf = ONE_JOINT.replace("</link>", f"<collision>{ball}</collision></link>", 1)
+    bench = robot.load(folder(urdf, drives={"*": {"kind": "torque"}}, **stated))
+    assert bench.height == base
+    assert bool(needs_engine(bench)) == bool(stated)
+
+
 def test_an_unknown_robot_lists_those_that_exist():
     with pytest.raises(NameUnknownError, match="available: hyq"):
         robot.load("hyqq")

@@ -32,6 +32,7 @@ from ..effects.rows import NO_LAWS, Laws
 from ..effects.timetable import behind_springs, commanding, heard
 from ..plant.orders import ramped
 from ..plant.simulation import periods
+from ..robot.clearance import clearance
 from ..robot.description import Description
 from ..robot.robot import Robot
 from ..world import braking
@@ -298,5 +299,5 @@ def _touches(urdf: str, joints: tuple[str, ...], height: float, folder: Path) ->
         tree.build(description, joints)
     except ParameterError as error:
         return str(error)
-    low = tree.clearance(description, height, folder)
+    low = clearance(description, height, folder)
     return "" if low > 0.0 else f"it may touch the ground ({low:.3g} m)"

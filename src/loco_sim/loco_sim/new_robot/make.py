@@ -14,10 +14,10 @@ import numpy as np
 
 from loco_control.exceptions import MissingFileError, ParameterError
 
-from ..bolted.tree import clearance
 from ..foreign.joints import WORLDS
 from ..foreign.tidy import Tidied
 from ..geometry import rotation_matrix
+from ..robot.clearance import clearance
 from ..robot.urdf_check import mass_of, problems
 from . import gains as gain
 from . import legs, limits, trial
@@ -286,7 +286,7 @@ def _mimic(draft: Draft, body: Body, q: np.ndarray, amplitude: np.ndarray) -> No
 def _clear(draft: Draft, body: Body, rng: np.random.Generator) -> float:
     """Base height at which a fixed-base robot cannot touch the ground in any pose [m].
 
-    It is a bound from the lengths of all links (`tree.clearance`), so that the robot can be
+    It is a bound from the lengths of all links (`clearance`), so that the robot can be
     simulated without the engine; from random poses if the size of a mesh is unknown.
     """
     lowest = clearance(draft.description(), 0.0, draft.folder)

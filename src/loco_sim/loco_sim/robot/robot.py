@@ -27,6 +27,7 @@ from loco_control.reading import read_bytes, read_yaml, shown, understood
 from ..params import SimParams
 from . import equipment, urdf_check
 from . import legs as leg_geometry
+from .clearance import base_height
 from .description import Description
 from .equipment import ContactParams
 from .hall import HallSensor
@@ -65,7 +66,8 @@ class Robot:
         standing: Initial joint positions [rad], (n,).
         effort: Torque limit of each joint [N·m], (n,), from the URDF.
         fixed_base: Whether the base is fixed to the world.
-        height: Initial height of the base [m]; None to put the lowest foot on the ground.
+        height: Initial height of the base [m]; None to put the lowest foot on the ground. A bolted
+            robot without feet hangs above it by default (`clearance.base_height`).
         fall: Limits of height and tilt beyond which the robot counts as fallen.
         driven: Indices of the joints with a drive, (m,); the others are passive.
         control_rate: Default rate of commands [Hz].
@@ -315,10 +317,13 @@ def _fit(
         raise ParameterError(f"control_rate must be in (0, 100000] Hz, got {rate!r}")
     if height is not None and not _is_number(height):
         raise ParameterError(f"height must be a number [m], got {height!r}")
+    bolted = bool(values.get("fixed_base", False))
+    if height is None and bolted and not feet:
+        height = base_height(description, folder)
     return {
         "urdf": description.text() if edited else _text(folder / str(values["urdf"])),
         "standing": standing,
-        "fixed_base": bool(values.get("fixed_base", False)),
+        "fixed_base": bolted,
         "height": None if height is None else float(height),
         "fall": from_dict(FallLimits, values["fall"], "fall"),
         "driven": np.array([i for i, joint in enumerate(joints) if joint in drives], dtype=int),
