@@ -12,7 +12,9 @@ import pytest
 
 from loco_control.exceptions import LocoError, MissingFileError, NameUnknownError, ParameterError
 from loco_learning.drawing import png
+from loco_learning.runs.experiment import override
 from loco_learning.study import figures, study
+from loco_learning.study.case import Case, run_case
 from loco_learning.study.study import load, names, run
 
 QUICK = {"learner.train": 1.0, "learner.closing": 1.0, "learner.test": 1.0, "gait.start_time": 0.2,
@@ -203,3 +205,15 @@ def test_a_study_that_extends_itself_or_no_study_is_refused(tmp_path, base, mess
     other.write_text(f"extends: {base}\n", encoding="utf-8")
     with pytest.raises(ParameterError, match=message):
         load(other)
+
+
+@pytest.mark.parametrize("engine", ["mujoco", "pybullet"])
+def test_much_damping_of_a_trot_shakes_it_down_only_if_it_is_held(engine):
+    """The trot at kp 50, kd 30, on both engines."""
+    held = load("hyq_map_held")
+    keys = [key for axis in held.axes for key in axis.sets]
+    gains = {key: 50.0 if key.endswith("kp") else 30.0 for key in keys}
+    short = {**gains, "sim.engine": engine, "learner.train": 2.0}
+    cases = [Case(name, 0, override(base, short)) for name, base in held.variants.items()]
+    survived = {case.variant: run_case(case, curves=False).verdict["survived"] for case in cases}
+    assert survived == {"continuous": True, "held": False}

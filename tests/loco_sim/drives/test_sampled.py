@@ -184,3 +184,14 @@ def test_effects_on_a_drive_act_on_what_it_holds():
 def test_a_sampled_drive_needs_a_period(kind, torque):
     with pytest.raises(ParameterError, match=rf"{torque} needs a period above 0 s, got 0"):
         kind(torque=torque)
+
+
+@pytest.mark.parametrize("rate", [250.0, 100.0])
+def test_in_robot_yaml_the_default_period_is_the_control_period(rate):
+    way = {"drives.*.torque": "held", "control_rate": rate}
+    plant = robot.load("hyq_leg", way)
+    assert {drive.period for drive in plant.drives.values()} == {1.0 / rate}
+    assert {d.period for d in robot.load("hyq_leg", {**way, **HELD}).drives.values()} == {0.004}
+    assert {d.period for d in robot.load("hyq_leg").drives.values()} == {0.0}
+    with pytest.raises(ParameterError, match="needs a period above 0 s, got 0"):
+        robot.load("hyq_leg", {**way, "drives.*.period": 0.0})

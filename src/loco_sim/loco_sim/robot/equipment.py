@@ -19,7 +19,7 @@ from loco_control.params import Params, from_dict, parameter
 
 from ..geometry import added
 from .description import Description
-from .servo import DRIVES, DriveParams
+from .servo import CONTINUOUS, DRIVES, DriveParams
 from .spring import SpringParams
 
 BY_JOINT, BY_LINK = ("drives", "springs", "dynamics"), ("contacts", "masses", "bodies")
@@ -137,14 +137,21 @@ def override(values: dict[str, Any], changes: Mapping[str, Any], links: Iterable
             raise NameUnknownError("value of a robot to override", str(dotted), _legal(values))
 
 
-def drives(section: Mapping[str, dict]) -> dict[str, DriveParams]:
-    """Drive parameters of each joint with a drive; `kind` selects their class."""
+def drives(section: Mapping[str, dict], period: float) -> dict[str, DriveParams]:
+    """Drive parameters of each joint with a drive; `kind` selects their class.
+
+    Args:
+        section: Entries by joint.
+        period: Default period of drives whose torque is sampled [s].
+    """
     by_joint = {}
     for joint, entry in section.items():
         kind = entry.get("kind")
         if kind not in DRIVES:
             raise NameUnknownError(f"kind of drive for {joint}", str(kind), DRIVES)
         rest = {key: value for key, value in entry.items() if key != "kind"}
+        if rest.get("torque", CONTINUOUS) != CONTINUOUS:
+            rest = {"period": period, **rest}
         by_joint[joint] = from_dict(DRIVES[kind], rest, f"drives.{joint}")
     return by_joint
 

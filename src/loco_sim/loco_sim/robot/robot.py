@@ -296,7 +296,6 @@ def _fit(
 ) -> dict[str, Any]:
     """Fields of a `Robot` that follow from an expanded ``robot.yaml``; edits the URDF."""
     standing = _standing(values.get("standing"), len(joints))
-    drives = equipment.drives(values["drives"])
     springs = equipment.parts(values["springs"], SpringParams, "springs")
     contacts = equipment.parts(values["contacts"], ContactParams, "contacts")
     dynamics = equipment.parts(values["dynamics"], equipment.DynamicsParams, "dynamics")
@@ -315,6 +314,7 @@ def _fit(
     height, rate = values.get("height"), values.get("control_rate", 250.0)
     if not _is_number(rate) or not 0.0 < rate <= 1e5:
         raise ParameterError(f"control_rate must be in (0, 100000] Hz, got {rate!r}")
+    drives = equipment.drives(values["drives"], 1.0 / rate)
     if height is not None and not _is_number(height):
         raise ParameterError(f"height must be a number [m], got {height!r}")
     bolted = bool(values.get("fixed_base", False))

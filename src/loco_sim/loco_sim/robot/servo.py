@@ -53,7 +53,7 @@ class Sampled(Params):
         choices=(CONTINUOUS, HELD, MEAN),
     )
     period: float = parameter(
-        0.0, "of the samples, unless continuous; the first is at 0", "s", low=0.0, high=10.0
+        0.0, "of the samples; in robot.yaml by default the control period", "s", low=0.0, high=10.0
     )
 
     def __post_init__(self) -> None:
