@@ -43,11 +43,16 @@ def both(joint, factor):
     return change
 
 
-ARM = MACHINES["arm"]
-GAINS = {
-    j: {"kind": "impedance", "kp": kp / 57.3, "kd": kd / 57.3}
-    for j, kp, kd in zip(ARM.joints, ARM.kp, ARM.kd, strict=True)
-}
+DEGREE = 180.0 / np.pi
+
+
+def per_degree(name, *joints):
+    """Drives of a machine, with gains per degree at some joints, or at all."""
+    machine, made = MACHINES[name], {}
+    for joint, kp, kd in zip(machine.joints, machine.kp, machine.kd, strict=True):
+        by = 1.0 / DEGREE if joint in joints or not joints else 1.0
+        made[joint] = {"kind": "impedance", "kp": by * kp, "kd": by * kd}
+    return {"drives": made}
 
 
 @pytest.mark.parametrize("name", MACHINES)
@@ -95,12 +100,16 @@ def late(data):
             data[column] = np.roll(data[column], -8)
 
 
-@pytest.mark.parametrize("change", [effect, late])
+def moved(data):
+    """A zero that moved: so much weight is lacking that gains per degree would explain some."""
+    data["q_elbow"] = data["q_elbow"] + 0.5
+
+
+@pytest.mark.parametrize("change", [effect, late, moved])
 def test_what_an_effect_does_is_no_mistake_of_the_set_up(judged, change):
     assert judged("arm", change) == []
 
 
-DEGREE = 180.0 / np.pi
 PLANTED = [
     ("arm", times("q_elbow", -1.0), {}, {"sign"}, ("elbow",)),
     ("arm", times("cmd_shoulder", -1.0), {}, {"sign"}, ("shoulder",)),
@@ -138,13 +147,17 @@ SIGNALS = [
     ("lift", wrapped("q_arm", np.pi / 2.0), {}, {"wrap"}, ("arm",)),
     ("arm", plus("q_shoulder", 2.0 * np.pi), {}, {"turns"}, ("shoulder",)),
     ("lift", plus("cmd_arm", -4.0 * np.pi), {}, {"turns"}, ("arm",)),
+    ("lift", both("arm", DEGREE), {}, {"unit"}, ("arm",)),
+    ("arm", times("q_elbow", 4096.0 / (2.0 * np.pi)), {}, {"scale"}, ("elbow",)),
 ]
 BOTH = [
     ("arm", both("elbow", DEGREE), {}, {"joint scale", "unit"}, ("elbow",)),
     ("geared", both("shoulder", 0.4), {}, {"joint scale"}, ("shoulder",)),
     ("geared", both("elbow", 3.0), {}, {"joint scale"}, ("elbow",)),
     ("arm", both("elbow", -1.0), {}, {"axis"}, ("elbow",)),
-    ("arm", None, {"drives": GAINS}, {"gains"}, ("shoulder", "elbow")),
+    ("arm", None, per_degree("arm"), {"gains"}, ("shoulder", "elbow")),
+    ("arm", None, per_degree("arm", "elbow"), {"gains"}, ("elbow",)),
+    ("lift", None, per_degree("lift", "arm"), {"gains"}, ("arm",)),
     ("arm", None, {"masses": {"shoulder_link": 16.0, "elbow_link": 6.0}}, {"masses"}, ()),
     ("pendulum", None, {"masses": {"swing_link": 15.0}}, {"masses"}, ()),
     ("pendulum", times("cmd_swing", 1e3), {}, {"masses", "unit"}, ()),
@@ -161,6 +174,7 @@ def test_a_mistake_is_found_at_its_joint_and_its_lines_mend_it(
     findings = judged(name, change, **robot)
     assert len(findings) == 1 and findings[0].fault in faults, list(map(str, findings))
     assert set(joints) <= set(findings[0].joints) and findings[0].stops
+    assert findings[0].fault != "gains" or joints == findings[0].joints
     assert findings[0].mends and "say " in str(findings[0])
     model, records = mended(findings)
     assert family.look(model, records) == []

@@ -126,7 +126,8 @@ def fix(
     Raises:
         ParameterError: The recordings have different mappings.
     """
-    changes = [Change(**line) for one in found["setup"] for line in one["mends"]]
+    lines = (Change(**line) for one in found["setup"] for line in one["mends"])
+    changes = list(dict.fromkeys(lines))  # two findings may share one
     options: dict[str, Path] = {}
     if any(change.file == MAPPING for change in changes):
         paths = {m.path for bag in bags if (m := mapping_of(Path(bag), given))}

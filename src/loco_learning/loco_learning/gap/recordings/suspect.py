@@ -19,11 +19,12 @@ from loco_sim.robot.robot import Robot
 from ..setup.finding import MAPPING, OFFSET, SCALE, SIGN, UNIT, Change, Finding
 from .record import Record, spacing
 from .tracks import Track
-from .units import TURN
+from .units import TURN, factor
 
 DEGREE = 180.0 / np.pi
 SLOWEST, FASTEST = 4.0, 2e4  # range of plausible sampling rates [Hz]
 RATIO_NEAR = 0.12  # largest distance of a ratio to a known one [log]
+ENCODER_NEAR = 0.05  # the same, for counts of an encoder, a power of two a turn
 BOTH_WAYS = 0.1  # share of samples of either sign above which a signal changes sign
 RATIO_FAR = 3.0  # ratio that no effect causes
 # The same of signals with this correlation; gains of 30 % too much and too little make 1.86.
@@ -89,8 +90,9 @@ def findings(record: Record, robot: Robot) -> Iterator[Finding]:
     types = description.joint_types()
     for joint in record.joints:
         turning = types.get(joint) != "prismatic"
-        yield from _velocity(record, joint, turning)
-        if turning:
+        of_speed = list(_velocity(record, joint, turning, description))
+        yield from of_speed
+        if turning and not any(change.role == "q" for one in of_speed for change in one.mends):
             yield from _command(record, joint, description)
             yield from _limits(record, joint, description)
     yield from _torque(record, robot)
@@ -105,16 +107,16 @@ def _of(record: Record, signal: str, joint: str) -> np.ndarray | None:
     return record.signals[signal][:, record.joints.index(joint)]
 
 
-def _of_both(record: Record, joint: str, says: str) -> Finding:
-    """Finding that positions are in degrees, and their commands too if these are as large."""
+def _of_angles(record: Record, joint: str, says: str, key: str, value: Any) -> Finding:
+    """Finding that positions have a wrong unit, and their commands too if these are as large."""
     q, command = _of(record, "q", joint), record.command.get("position")
     roles = ["q"]
     if command is not None and joint in record.driven:
         commanded = command[:, record.driven.index(joint)]
         if np.nanstd(commanded) > np.nanstd(q) / RATIO_FAR:
             roles.append("command_position")
-    mends = tuple(Change(MAPPING, UNIT, "deg", role, joint) for role in roles)
-    return Finding("unit", (joint,), says, mends)
+    return Finding("unit", (joint,), says, tuple(Change(MAPPING, key, value, role, joint)
+                                                 for role in roles))  # fmt: skip
 
 
 def _of_unit(
@@ -144,8 +146,13 @@ def _smooth(x: np.ndarray, width: int) -> np.ndarray:
     return x[: count * width].reshape(count, width).mean(axis=1)
 
 
-def _velocity(record: Record, joint: str, turning: bool) -> Iterator[Finding]:
-    """Compare the measured velocity with the derivative of the measured position."""
+def _velocity(
+    record: Record, joint: str, turning: bool, description: Description
+) -> Iterator[Finding]:
+    """Compare the measured velocity with the derivative of the measured position.
+
+    Of the two, angles outside the joint limits are wrong if the ratio brings them inside.
+    """
     dq, q = _of(record, "dq", joint), _of(record, "q", joint)
     if dq is None or q is None:
         return
@@ -162,9 +169,16 @@ def _velocity(record: Record, joint: str, turning: bool) -> Iterator[Finding]:
     ratio, correlation = slope(speeds, _smooth(0.5 * (dq[pairs] + dq[pairs + step]), width))
     if abs(correlation) < 0.8:
         return
-    for factor, meaning in RATIOS.items():
-        if abs(np.log(abs(ratio) / factor)) < RATIO_NEAR and (turning or factor in (1e3, 1e-3)):
-            yield _of_unit(f"dq of {joint} is {abs(ratio):.3g} times the derivative of q: "
+    by = abs(ratio)
+    if turning and _beyond(q, joint, description) and not _beyond(by * q, joint, description):
+        unit, key, value = _unit_of_angle(by)
+        says = f"dq of {joint} is {by:.3g} times the derivative of q, and q is outside the joint " \
+               f"limits: probably q is in {unit}"  # fmt: skip
+        yield _of_angles(record, joint, says, key, value)
+        return
+    for size, meaning in RATIOS.items():
+        if abs(np.log(by / size)) < RATIO_NEAR and (turning or size in (1e3, 1e-3)):
+            yield _of_unit(f"dq of {joint} is {by:.3g} times the derivative of q: "
                            f"probably {meaning}", joint, *MEND.get(meaning, ()))  # fmt: skip
             return
     if ratio < 0.0:
@@ -177,6 +191,17 @@ def _velocity(record: Record, joint: str, turning: bool) -> Iterator[Finding]:
         yield _of_unit(f"dq of {joint} is {ratio:.3g} times the derivative of q: a wrong scale of "
                        f"one (scale: {1.0 / ratio:.4g} at dq), or a clock that runs {ratio:.3g} "
                        f"times too fast (time: {{scale: {1.0 / ratio:.4g}}})", joint)  # fmt: skip
+
+
+def _unit_of_angle(by: float) -> tuple[str, str, Any]:
+    """Name of a unit of `by` rad, with key and value of the line for it."""
+    for unit in ("deg", "mrad"):
+        if abs(np.log(by / factor(unit))) < RATIO_NEAR:
+            return unit, UNIT, unit
+    counts = 2.0 ** np.round(np.log2(TURN / by))
+    if abs(np.log(by * counts / TURN)) < ENCODER_NEAR:
+        return f"counts of {counts:g} a turn", SCALE, float(TURN / counts)
+    return "a unit of this size", SCALE, by
 
 
 def _command(record: Record, joint: str, description: Description) -> Iterator[Finding]:
@@ -219,7 +244,7 @@ def _limits(record: Record, joint: str, description: Description) -> Iterator[Fi
     spans = f"q of {joint} goes from {np.nanmin(q):.3g} to {np.nanmax(q):.3g} rad, its limits " \
             f"are {low:.3g} and {high:.3g}"  # fmt: skip
     if not _beyond(q / DEGREE, joint, description):
-        yield _of_both(record, joint, f"{spans}: probably q is in deg")
+        yield _of_angles(record, joint, f"{spans}: probably q is in deg", UNIT, "deg")
     else:
         yield _of_unit(f"{spans}: a wrong unit or scale", joint)
 

@@ -10,13 +10,14 @@ from dataclasses import replace
 import numpy as np
 from scipy.optimize import least_squares
 
+from loco_sim.robot.clearance import SLIDES
 from loco_sim.robot.description import Description
 from loco_sim.robot.servo import ImpedanceDrive
 
 from ..recordings import suspect
 from .bench import Bench
 from .commands import lines
-from .finding import EFFECTS, MAPPING, MODEL, SCALE, SIGN, UNIT, Change, Finding
+from .finding import EFFECTS, MAPPING, MODEL, OFFSET, SCALE, SIGN, UNIT, Change, Finding
 from .limits import LIMITS
 
 POWERS = (1e-3, 0.1, 10.0, 1e3)  # factors of masses in g, or of another robot's file
@@ -139,17 +140,26 @@ def weights(bench: Bench) -> list[Finding]:
 
 
 def gains(bench: Bench) -> list[Finding]:
-    """Finding of drive gains per degree instead of per radian, of one joint or of all."""
+    """Finding of drive gains per degree instead of per radian: of all, all that turn, or one."""
     found: list[Finding] = []
-    for joints in (stiff(bench), *((joint,) for joint in stiff(bench))):
+    kinds, drives = Description(bench.robot.urdf).joint_types(), stiff(bench)
+    turning = tuple(joint for joint in drives if kinds[joint] != SLIDES)
+    for joints in dict.fromkeys((drives, turning, *((joint,) for joint in turning))):
         for by in (suspect.DEGREE, 1.0 / suspect.DEGREE):
             way = gained(bench, (by, by), joints)
             off = f"{max(by, 1.0 / by):.3g} times too {'small' if by > 1.0 else 'large'}"
             says = f"the gains of {', '.join(joints)} are {off}: per degree, not per radian"
-            found += bench.settled("gains", tuple(joints), says, [way], whole=True)
-        if found:
-            break
+            found += bench.settled("gains", joints, says, [way] if joints else [], whole=True)
     return sorted(found, key=lambda f: bench.miss(*f.mends))[:1]
+
+
+def shifted(bench: Bench) -> float:
+    """Least error of the model if the zero of one joint sensor has moved."""
+    trial = bench()
+    off = np.nanmean(np.concatenate(trial.said) - np.concatenate(trial.measured), axis=0)
+    rows = zip(trial.joints, off, strict=True) if not bench.led else ()
+    return min((bench.miss(Change(MAPPING, OFFSET, float(by), "q", j)) for j, by in rows),
+               default=np.inf)  # fmt: skip
 
 
 def stiff(bench: Bench) -> tuple[str, ...]:

@@ -24,6 +24,7 @@ TESTS = (
     bodies.drafted, signals.turns, commands.exchanged, commands.sign, commands.scale,
     bodies.drafted, signals.ahead,
 )  # fmt: skip
+OF_RANGE = ("unit", "turns")  # faults that a range of angles may tell by mistake
 RUNS = (bodies.axis, bodies.joint_scale, bodies.gravity, bodies.weights, bodies.gains)
 
 
@@ -47,25 +48,30 @@ def look(model: Model, records: Sequence[Record]) -> list[Finding]:
 
 
 def _refuted(finding: Finding, model: Model, record: Record) -> bool:
-    """True for a finding of degrees from the range alone that a simulation contradicts.
+    """True for degrees, turns or an unknown unit, told by a range, that a simulation contradicts.
 
-    The model does not fit better in degrees, and the velocity is within the limit of the URDF or
-    another scale explains the motion.
+    The model does not fit better with its lines, and another scale explains the motion, or a motion
+    without measured velocity is within the velocity limits of the URDF.
     """
-    roles = {change.role for change in finding.mends}
-    if finding.fault != "unit" or not roles or roles - {"q", "command_position"}:
+    roles, joints = {change.role for change in finding.mends}, finding.joints
+    if finding.fault not in OF_RANGE or roles - {"q", "command_position"}:
         return False
     bench = Bench(model, [record])
-    if record.has("dq") or bench.free or not bench.possible:
+    if bench.free or not bench.possible:
         return False
+    trial = bench(*finding.mends)
+    left = trial.miss(joints) if trial else np.inf
+    if left <= min(bench().miss(joints) / LIMITS.better, LIMITS.left):
+        return False
+    scaled = commands.scale(bench)
+    if record.has("dq") or not roles:
+        return any(set(joints) & set(other.joints) for other in scaled)
     text = Description(bench.robot.urdf)
-    if bench.miss(*finding.mends) <= min(bench.miss() / LIMITS.better, LIMITS.left):
-        return False
     slow = all(
         np.nanpercentile(np.abs(rates(q, record.dt)), 99.0) <= (text.velocity(j) or LIMITS.fastest)
         for j, q in zip(record.joints, record.signals["q"].T, strict=True)
     )
-    return slow or any(test(bench) for test in (commands.scale, bodies.joint_scale))
+    return slow or bool(scaled or bodies.joint_scale(bench))
 
 
 def best(bench: Bench) -> list[Finding]:
@@ -76,8 +82,8 @@ def best(bench: Bench) -> list[Finding]:
     """
     new = [] if bench.fits else [finding for test in RUNS for finding in test(bench)]
     rows = sorted(((bench.miss(*finding.mends), k) for k, finding in enumerate(new)))
-    if not rows:
-        return []
+    if not rows or bodies.shifted(bench) < rows[0][0]:
+        return []  # a zero of a sensor that moved is left to the search
     least, first = rows[0][0], new[rows[0][1]]
     alike = [new[k] for miss, k in rows[1:] if miss < LIMITS.alike * least + 1e-3]
     others = [way for finding in alike for way in (finding.mends, *finding.others)]

@@ -15,8 +15,8 @@ from .finding import JOINT, MAPPING, MODEL, Change, Finding, mended
 
 
 def changes_of(findings: Sequence[Finding]) -> list[Change]:
-    """Lines that correct the findings, in order."""
-    return [change for finding in findings for change in finding.mends]
+    """Lines that correct the findings, in order; a line that two findings share stands once."""
+    return list(dict.fromkeys(change for finding in findings for change in finding.mends))
 
 
 def mapping_with(values: Mapping[str, Any], changes: Sequence[Change]) -> dict[str, Any]:
