@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 
 from loco_control.params import Params, parameter
+from loco_sim.bolted.loop import needs_engine
 from loco_sim.effects.places import chains
 from loco_sim.plant.model import Model
 from loco_sim.robot.description import Description
@@ -218,6 +219,9 @@ def missing(records: Sequence[Record], robots: Sequence[Robot]) -> list[str]:
     if "tau" not in signals:
         notes.append("no joint torques: an error of a torque and one of a mass are told apart by "
                      "the shape of the motion alone")  # fmt: skip
+    if all(r.fixed_base for r in robots) and all(reasons := [needs_engine(r) for r in robots]):
+        notes.append("axes, weight, masses and gains of the set-up were not tested, as the robot "
+                     f"needs an engine: {reasons[0]}")  # fmt: skip
     if not all(r.fixed_base for r in robots):
         if "gyro" not in signals and "base_orientation" not in signals:
             notes.append("no IMU on a robot that is free: how its trunk moves is not known")
