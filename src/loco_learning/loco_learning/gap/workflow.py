@@ -134,7 +134,8 @@ def search(
     robot, fixed = robots[0], all(r.fixed_base for r in robots)
     nominal = nominals.values(robot, params.free)
     case = cases.prepare(forward, records, held_out, known=nominal)
-    candidates = forward.shown(offer(robot, case.signals, hints.find(case, robot)))
+    offers = hints.sized(offer(robot, case.signals, hints.find(case, robot)), forward)
+    candidates = forward.shown(offers)
     hypotheses, inseparable = separable([h for h in candidates if wanted(h.effect, params)])
     not_tried = [one for one in untried(robot, candidates) if wanted(one[0], params)] + inseparable
 

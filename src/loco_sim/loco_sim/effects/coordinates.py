@@ -15,7 +15,7 @@ class Coordinate:
 
     Attributes:
         name: Parameter of the effect.
-        size: Value of the parameter at coordinate 1, or at coordinate 0 if logarithmic.
+        size: Change of the parameter per unit, or its value at coordinate 0 if logarithmic.
         start: Initial coordinates for a fit, the most likely first.
         low: Smallest legal value of the parameter.
         high: Largest legal value of the parameter.
@@ -24,6 +24,7 @@ class Coordinate:
         logarithmic: Whether the value is `size exp(x)`; else `size x`.
         direction: Direction, for a parameter that is a vector; empty for a scalar.
         of: Joint of the parameter, for laws with one value per joint.
+        origin: Value of a strength up to which the effect is absent in the recordings.
     """
 
     name: str
@@ -36,13 +37,13 @@ class Coordinate:
     logarithmic: bool = False
     direction: tuple[float, ...] = ()
     of: str = ""
+    origin: float = 0.0
 
     @property
     def label(self) -> str:
         """Name of the parameter, with its vector axis and joint if it has them."""
-        axes = [axis for axis, part in zip("xyz", self.direction, strict=False) if part]
-        name = f"{self.name}.{axes[0]}" if len(axes) == 1 else self.name
-        return f"{name} {self.of}".strip()
+        axes = [f".{axis}" for axis, part in zip("xyz", self.direction, strict=False) if part]
+        return f"{self.name}{axes[0] if len(axes) == 1 else ''} {self.of}".strip()
 
     @property
     def one_sided(self) -> bool:
@@ -51,12 +52,13 @@ class Coordinate:
 
     def value(self, x: float) -> float:
         """Value of the parameter at a coordinate, clipped to its bounds."""
-        raw = self.size * (math.exp(min(x, 50.0)) if self.logarithmic else x)
+        raw = self.origin + self.size * (math.exp(min(x, 50.0)) if self.logarithmic else x)
         return min(max(raw, self.low), self.high)
 
     def inverse(self, value: float) -> float:
         """Coordinate of a parameter value."""
-        return math.log(value / self.size) if self.logarithmic else value / self.size
+        ratio = (value - self.origin) / self.size  # `origin` is 0 if logarithmic
+        return math.log(ratio) if self.logarithmic else ratio
 
     def clipped(self, x: float) -> float:
         """Coordinate clipped to the bounds of the parameter."""

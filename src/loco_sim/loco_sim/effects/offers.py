@@ -81,8 +81,7 @@ def strength(
 
 def vector(cls: type[Effect], name: str) -> tuple[Coordinate, ...]:
     """Coordinates of the strengths of a vector parameter along x, y and z."""
-    size = cls.identity.priors[name].high / 3.0
-    return tuple(strength(cls, name, size, axis) for axis in AXES)
+    return tuple(strength(cls, name, cls.identity.priors[name].high / 3.0, axis) for axis in AXES)
 
 
 def logarithmic(cls: type[Effect], name: str, starts: Sequence[float]) -> Coordinate:

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Effects that a linear step does not find: limits that are not reached, friction that stops."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -8,6 +9,7 @@ import pytest
 
 from loco_learning.gap.fitting.screen import IDLE, _quiet
 from loco_learning.gap.fitting.screen import screen as screened
+from loco_learning.gap.hypotheses import hints
 from loco_learning.gap.hypotheses.bundles import Bundle
 from loco_learning.gap.hypotheses.hypotheses import offer
 from loco_sim.effects.offers import Hints
@@ -50,10 +52,11 @@ def test_what_cannot_explain_anything_does_not(bench):
     assert found.share < IDLE
 
 
-def alone(effect, does, size, elsewhere=0.0):
+def alone(effect, does, size, elsewhere=0.0, forward=None):
     """What an effect of one strength explains, if a size does so much of a wave.
 
-    A gap `elsewhere`, times the wave, is in a second branch that the effect does not touch.
+    A gap `elsewhere`, times the wave, is in a second branch that the effect does not touch. With
+    `forward`, limits are sized by the torques of its drives.
     """
     wave = np.sin(np.arange(200.0))
 
@@ -67,8 +70,9 @@ def alone(effect, does, size, elsewhere=0.0):
     channels = np.repeat([0, 1], 200) if elsewhere else np.zeros(200, int)
     mask = np.array([True, False]) if elsewhere else None
     case = SimpleNamespace(vector=vector, channel_of=lambda only: channels)
-    hints = Hints(np.full(1, -0.5), np.full(1, 0.5))
-    offered = offer(robot.load("servo_pendulum"), ("q",), hints)
+    plant = forward.robot() if forward else robot.load("servo_pendulum")
+    offered = offer(plant, ("q",), Hints(np.full(1, -0.5), np.full(1, 0.5)))
+    offered = hints.sized(offered, forward) if forward else offered
     (hypothesis,) = [h for h in offered if h.effect == effect]
     (found,) = screened(case, Bundle((hypothesis,), (mask,)), [], {}, [0], vector([], {}, [0], 1))
     return found, next(strengths(hypothesis.term(found.x).params))
@@ -133,3 +137,25 @@ def test_a_branch_is_quiet_beside_its_noise_and_beside_the_whole_gap(level, else
     """A joint of an arm that rubs shows little beside others, and much beside its noise."""
     rows = np.arange(1000) < 400
     assert _quiet(np.where(rows, level, elsewhere), rows) == quiet
+
+
+@pytest.mark.parametrize("depth", [0.03, 0.07, 0.3])
+@pytest.mark.parametrize("unused", [1.2, 7.0, 100.0])
+@pytest.mark.parametrize("effect", ["torque_limit", "torque_speed_line"])
+def test_a_limit_is_found_however_little_of_the_legal_torque_was_asked_for(effect, unused, depth):
+    """Of 6 N·m a pendulum was asked for 0.84: dead at a limit of 0.84, found at 0.78."""
+    t = np.linspace(0.0, 20.0, 400)
+    torque, speed = np.sin(t)[:, None], 2.0 * np.sin(t + 0.7)[:, None]
+    plant = replace(robot.load("pendulum"), effort=np.array([unused]))
+    reached = hints.SMALLEST[effect]
+    driving = np.maximum(speed * np.sign(torque), 0.0)
+    size = reached((1.0 - depth) * np.abs(torque) / unused, driving)
+
+    def does(x):
+        over = np.abs(torque) - unused * (1.0 - x * (driving if "line" in effect else 1.0))
+        return float(np.maximum(over * (driving > 0.0), 0.0).mean())
+
+    forward = SimpleNamespace(robot=lambda: plant, drives=lambda: (torque, speed))
+    found, value = alone(effect, does, size, forward=forward)
+    assert found.share > 0.3
+    assert 0.3 < does(value) / does(size) < 3.0

@@ -16,6 +16,7 @@ from loco_learning.params import JointLearnerParams
 from loco_learning.runs.experiment import Experiment
 from loco_learning.runs.rollout import rollout
 from loco_sim.plant.model import Model
+from loco_sim.robot.robot import ASSETS
 
 EXACT = {"sensors.exact": True}
 AIR = {"fixed_base": True, "height": 1.0}
@@ -254,3 +255,26 @@ def test_one_sensor_may_be_late_alone():
     late = forward([{**latency, "channel": "dq"}])[0]
     np.testing.assert_array_equal(late[:, [0, 2]], now[:, [0, 2]])
     np.testing.assert_array_equal(late[:, 1], every[:, 1])
+
+
+SPRING = "springs:\n  pivot: {kind: linear, stiffness: 3.0, damping: 0.1, rest: 0.2}\n"
+
+
+@pytest.mark.pybullet
+@pytest.mark.parametrize("spring", ["", SPRING])
+def test_the_torque_of_a_drive_is_its_command_without_the_spring_beside_it(tmp_path, spring):
+    for file in (ASSETS / "pendulum").glob("*.*"):
+        text = file.read_text() + (spring if file.suffix == ".yaml" else "")
+        (tmp_path / file.name).write_text(text)
+    record = recorded("pendulum", {})
+    torque, speed = Forward(Model(str(tmp_path)), [record]).drives()
+    told = np.clip(record.command["torque"], -2.0, 2.0)
+    late = 3.0 * np.abs(speed).max() * record.dt  # the spring's torque of a reading, not of a mean
+    assert late > 0.0
+    assert np.abs(torque[1:] - told[:-1]).max() < late + 1e-6
+    assert np.abs(torque).max() == pytest.approx(np.abs(told).max(), abs=late)
+
+
+def test_the_torque_of_a_geared_motor_is_not_that_of_its_joint():
+    torque, _ = Forward(Model("servo_pendulum"), [recorded("servo_pendulum", EXACT)]).drives()
+    assert np.isinf(torque).all()

@@ -1,17 +1,21 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Hints for hypotheses: travel and speed of joints, and where and when the residual is large."""
+"""Hints for hypotheses: travel, speed and torque of joints; where and when residuals are large."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from loco_sim.effects.offers import Hints
+from loco_sim.effects.places import members
 from loco_sim.robot.robot import Robot
 
 from ..prediction.case import Case
+from ..prediction.forward import Forward
 from ..recordings.record import spacing
+from .hypotheses import Hypothesis
 
 SPEED_TIME = 0.05  # [s] of a speed's average, so that one step of a coarse encoder is no speed
 ENERGY_TIME = 0.1  # [s] over which the energy of a residual is averaged
@@ -23,6 +27,16 @@ LEAST_PERIODS, COUNTS = 1.5, (1.0, 300.0)  # periods of a ripple in the travel, 
 PEAK = 4.0  # amplitude of a ripple over the median amplitude of all counts (taste)
 MOST_ROWS, MOST_COUNTS = 4000, 600  # rows and counts that are evaluated (time)
 MOST_RIPPLES = 3  # counts that are tested at a joint
+# Torque of a limit over the torque of the initial model, far from reached and barely reached
+# (taste). Another effect may ask for more torque, and a reading is a mean over a period.
+FAR, BARELY = 2.0, 0.9
+# Smallest strength that limits drives at shares of their limits, while they drive at a speed.
+SMALLEST = {
+    "torque_limit": lambda share, speed: 1.0 - share.max(),
+    "torque_speed_line": lambda share, speed: np.where(
+        speed > 0.0, (1.0 - share) / np.maximum(speed, 1e-9), np.inf
+    ).min(),
+}
 
 
 def find(case: Case, robot: Robot) -> Hints:
@@ -51,6 +65,26 @@ def find(case: Case, robot: Robot) -> Hints:
         bends = [r[:, torques] if torques else bend(r[:, columns], dt) for r, dt in pairs]
         waves.append(ripples(turns, bends) if columns else ())
     return Hints(low, high, distinct([each for each in intervals if each]), fast, tuple(waves))
+
+
+def sized(hypotheses: Sequence[Hypothesis], forward: Forward) -> list[Hypothesis]:
+    """Hypotheses with strengths of limits that count from where these are far from reached.
+
+    A description may allow ten times the torque of a recording: a reduction of it is nothing up to
+    90 %, and too much a few hundredths further.
+    """
+    result, robot, (torque, speed) = [], forward.robot(), forward.drives()
+    for h in hypotheses:
+        if smallest := SMALLEST.get(h.effect):
+            at = [robot.joints.index(joint) for joint in members(robot, h.place)]
+            share = np.abs(torque[:, at]) / robot.effort[at]
+            driving = np.maximum(speed * np.sign(torque), 0.0)[:, at]
+            low, start = (max(0.0, float(smallest(by * share, driving))) for by in (FAR, BARELY))
+            c = h.coordinates[0]
+            if low < start < c.high:
+                h = replace(h, coordinates=(replace(c, origin=low, low=low, size=start - low),))
+        result.append(h)
+    return result
 
 
 def bend(values: np.ndarray, dt: float) -> np.ndarray:

@@ -21,6 +21,7 @@ import numpy as np
 
 from loco_control.exceptions import ParameterError
 from loco_control.params import Params, parameter
+from loco_sim.drives.spring_kernels import spring_torque
 from loco_sim.effects import EFFECTS, from_list
 from loco_sim.effects.base import Effect
 from loco_sim.effects.identity import READ_AS
@@ -317,6 +318,21 @@ class Forward:
     def in_pieces(self) -> bool:
         """True if any record is compared in pieces that start in the measured state."""
         return any(self._lengths)
+
+    def drives(self) -> tuple[np.ndarray, np.ndarray]:
+        """Torques of the drives and speeds of the joints in the model, (R, n) each.
+
+        Torques are infinite where they are not those of the motor, which drives a rotor first.
+        """
+        robot, other = self.robot(), copy(self)
+        other.channels = tuple(Channel(s, j, "") for s in ("tau", "q", "dq") for j in robot.joints)
+        tau, q, dq = np.split(np.concatenate(other()), 3, axis=1)
+        for j in (j for j, joint in enumerate(robot.joints) if joint in robot.springs):
+            row = robot.springs[robot.joints[j]].row()
+            held = [spring_torque(*at, row) for at in zip(q[:, j], dq[:, j], strict=True)]
+            tau[:, j] -= np.where(tau[:, j] == 0.0, 0.0, held)  # 0 before the first step
+        rotors = [getattr(robot.drives.get(j), "rotor_inertia", 0.0) for j in robot.joints]
+        return np.where(np.greater(rotors, 0.0), np.inf, np.nan_to_num(tau)), np.nan_to_num(dq)
 
     def begun(self) -> list[list[int]]:
         """Rows at which each record restarts from a measured state, without the first.

@@ -115,7 +115,7 @@ def look(
     parts = excerpts(records, _seconds(Forward(quick, records[:1], how)))
     case = _case(Forward(quick, parts, how), parts)
     robot = case.forward.robot()
-    offers = offer(robot, case.signals, hints.find(case, robot))
+    offers = hints.sized(offer(robot, case.signals, hints.find(case, robot)), case.forward)
     single = [h for h in offers if "*" not in h.place]  # effects on groups show in their joints
     hypotheses, rest = separable(single)
     fixed = all(robot.fixed_base for robot in robots)

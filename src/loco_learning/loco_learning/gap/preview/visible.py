@@ -164,7 +164,7 @@ class _Trial:
         c = self.hypothesis.coordinates[self.strength]
         if self.best is None or self.best.level < DEAD:
             return math.inf
-        size = abs(c.size * self.best.x) / min(self.best.level, NEAR)
+        size = abs(c.origin + c.size * self.best.x / min(self.best.level, NEAR))
         return math.inf if size > max(abs(c.low), abs(c.high)) else size
 
 
@@ -226,6 +226,7 @@ def _told(case: Case, trials: Sequence[_Trial]) -> list[Visible]:
         h, c = trial.hypothesis, trial.hypothesis.coordinates[trial.strength]
         prior = EFFECTS[h.effect].identity.priors.get(c.name)
         typical, high = abs(c.size), abs(prior.high) if prior else math.inf
+        typical = prior.typical if c.origin else typical
         smallest = trial.smallest()
         verdict = YES if smallest <= typical else LARGE if smallest <= high else NO
         channel, similar = "", set()
