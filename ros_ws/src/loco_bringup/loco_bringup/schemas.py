@@ -283,7 +283,7 @@ def _mapping_file() -> Schema:
         "files": {"anyOf": [TEXT, TEXTS]},
         "samples": TEXT,
         "time": _mapping({"column": TEXT, "unit": TEXT, "rate": number, "scale": number}),
-        "rate": number,
+        **dict.fromkeys(("rate", "physics_step"), number),
         "columns": {"type": "array", "items": column},
         "header": _by_name(header, "field of a log's header"),
         "overrides": OVERRIDES,

@@ -55,7 +55,8 @@ def test_what_hangs_on_the_phase_of_hunting_is_no_gap():
         assert np.sqrt(np.mean(apart**2)) < 1.0
 
 
-def test_the_steps_of_a_simulation_that_was_recorded_are_no_gap():
+@pytest.mark.parametrize("whose", ["simulated", "stepped"])
+def test_the_steps_of_a_simulation_that_was_recorded_are_no_gap(whose):
     """What a plant in steps of 1 ms does is off the model's limit by what its floor says."""
     wanted = (0.4 * np.sin(3.0 * T))[:, None]
     empty = Record("sine", T, {"position": wanted}, ("pivot",), {"q": 0.0 * wanted}, ("pivot",))
@@ -63,11 +64,11 @@ def test_the_steps_of_a_simulation_that_was_recorded_are_no_gap():
     (q,) = Forward(model, [empty])()
     noise = 1e-6 * np.random.default_rng(1).standard_normal(q.shape)
     rms = {}
-    for simulated in (0.0, 1e-3):
-        record = replace(empty, signals={"q": q + noise}, simulated=simulated)
+    for step in (0.0, 1e-3):
+        record = replace(empty, signals={"q": q + noise}, **{whose: step})
         case = cases.prepare(Forward(model, [record]), [record], [])
         (residual,) = case.bare(())  # refitted delays of the drive would close a part
-        rms[simulated] = float(np.sqrt(np.nanmean(residual**2)))
+        rms[step] = float(np.sqrt(np.nanmean(residual**2)))
     assert rms[0.0] > 3.0 and 0.3 < rms[1e-3] < 1.25
 
 

@@ -150,6 +150,7 @@ def test_rules_cut_and_choose(folder, hinge):
         RULES
         + """
 overrides: {height: 1.0}
+physics_step: 0.002
 records:
   - {file: a.csv, from: 0, to: 1.2}
   - {file: a.csv, from: 1.2, to: 2, role: held-out, overrides: {height: 2.0}}
@@ -159,7 +160,7 @@ records:
     assert (first.name, second.name) == ("a 1", "a 2") and second.role == HELD_OUT
     assert first.duration == pytest.approx(1.2) and second.duration == pytest.approx(0.79)
     assert (first.overrides, second.overrides) == ({"height": 1.0}, {"height": 2.0})
-    assert second.t[0] == 0.0
+    assert second.t[0] == 0.0 and (first.stepped, second.stepped) == (0.002, 0.002)
     with pytest.raises(LocoError, match="no record of .* fits"):
         load(folder / "b.csv", hinge, folder)
 

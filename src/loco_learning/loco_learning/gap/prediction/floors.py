@@ -39,10 +39,9 @@ def stepped(forward: Any, correction: Sequence[np.ndarray]) -> list[np.ndarray]:
     """
     errors = []
     for i, (record, lacks) in enumerate(zip(forward.records, correction, strict=True)):
-        share = 0.0
-        if record.simulated:
-            share = record.simulated / running.step(forward.robot(i), running.period(record))
-        errors.append(share * lacks)
+        step = record.simulated or record.stepped
+        own = running.step(forward.robot(i), running.period(record)) if step else 1.0
+        errors.append(step / own * lacks)
     return _rms(errors, forward.records)
 
 

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import Any
@@ -35,7 +36,8 @@ class TableSource:
         self.header = self._table.header
         self.notes: list[str] = []
         episode = self.header.get(EPISODE)
-        self.name = _stem(path) if episode is None else f"episode {episode}"
+        stem = path.name.removesuffix(".gz").rsplit(".", 1)[0]
+        self.name = stem if episode is None else f"episode {episode}"
 
     def series(self, column: Column) -> tuple[np.ndarray, np.ndarray]:
         """Time stamps [s] and raw values of a column, each (K,)."""
@@ -128,7 +130,8 @@ def records(
             mend=mapping.mend,
             judge=judge,
         )
-        result += [first.rested(-rule.rest), *later]  # after a cut, the robot was not at rest
+        parts = first.rested(-rule.rest), *later  # after a cut, the robot was not at rest
+        result += [replace(part, stepped=mapping.physics_step) for part in parts]
     return result
 
 
@@ -171,7 +174,3 @@ def overrides(mapping: Mapping, rule: Rule, header: dict[str, Any]) -> dict[str,
             )
         values[entry.override] = entry.scale * value + entry.offset
     return values
-
-
-def _stem(path: Path) -> str:
-    return path.name.removesuffix(".gz").rsplit(".", 1)[0]

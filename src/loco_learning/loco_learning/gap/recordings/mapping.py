@@ -55,13 +55,16 @@ PLACES = ("joint", "axis", "foot")
 SOURCES = ("column", "file", "topic", "time")
 BETWEEN = ("hold", "line")
 CLOCKS = ("stamp", "log", "receive")  # log and receive are synonyms: time of reception
-LONGEST_REST = 60.0  # [s], simulated in full (taste)
+# [s] at rest, simulated in full, and of the physics of a recorded simulation; highest rate [Hz]
+# (all taste).
+LONGEST_REST, LONGEST_STEP, HIGHEST = 60.0, 0.1, 1e9
 _COLUMN = (*SOURCES, "role", *PLACES, "unit", "sign", "scale", "offset", "wrap", "between", "clock",
            "missing")  # fmt: skip
 _RECORD = ("name", "file", "where", "rows", "from", "to", "rest", "role", "overrides")
 _KEYS = (
-    *("format", "description", "files", "samples", "time", "rate", "columns", "header"),
-    *("overrides", "records", "namespace", "base_pose", "trust_units", "locked", "mend", "missing"),
+    *("format", "description", "files", "samples", "time", "rate", "physics_step", "columns"),
+    *("header", "overrides", "records", "namespace", "base_pose", "trust_units", "locked", "mend"),
+    "missing",
 )
 
 
@@ -169,6 +172,7 @@ class Mapping:
     time_unit: float = 1.0
     time_rate: float = 0.0
     rate: float = 0.0
+    physics_step: float = 0.0
     columns: tuple[Column, ...] = ()
     header: dict[str, Header] = field(default_factory=dict)
     overrides: dict[str, Any] = field(default_factory=dict)
@@ -229,8 +233,9 @@ def loads(text: str, path: str | Path = FILE) -> Mapping:
         samples=str(values.get("samples") or ""),
         time=str(time.get("column", "")),
         time_unit=unit,
-        time_rate=_positive(time.get("rate", 0.0), "time.rate"),
-        rate=_positive(values.get("rate", 0.0), "rate"),
+        time_rate=_positive(time.get("rate", 0.0), "time.rate [Hz]"),
+        rate=_positive(values.get("rate", 0.0), "rate [Hz]"),
+        physics_step=_positive(values.get("physics_step", 0.0), "physics_step [s]", LONGEST_STEP),
         columns=tuple(
             column for i, c in enumerate(_list(values, "columns")) for column in _columns(c, i)
         ),
@@ -421,8 +426,8 @@ def _yes(values: dict[str, Any], key: str) -> bool:
     return value
 
 
-def _positive(value: Any, what: str) -> float:
+def _positive(value: Any, what: str, most: float = HIGHEST) -> float:
     result = units.number(value, what)
-    if result < 0.0:
-        raise ParameterError(f"{what} must be above 0 Hz, got {value!r}")
+    if not 0.0 <= result <= most:
+        raise ParameterError(f"{what} must be 0 to {most:g}, got {value!r}")
     return result

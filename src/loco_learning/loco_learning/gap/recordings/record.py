@@ -56,6 +56,7 @@ class Record:
         stamps: Per role, as recorded: rate [Hz], jitter (standard deviation of the time stamps
             from even ones) [ms], number of missing samples, and longest silence [s].
         simulated: Physics step of the recorded simulation [s]; 0 for a real robot or if unknown.
+        stepped: The same of another simulator, whose torques are those of an instant.
         unsure: Per kind of command, estimated error of an undersampled one, (T, m), in its unit;
             left out if all samples are known.
         guessed: Flags of values of joint signals that were not measured, as `signals`:
@@ -81,6 +82,7 @@ class Record:
     warnings: tuple[str, ...] = ()
     stamps: dict[str, dict[str, float]] = field(default_factory=dict)
     simulated: float = 0.0
+    stepped: float = 0.0
     unsure: dict[str, np.ndarray] = field(default_factory=dict)
     guessed: dict[str, np.ndarray] = field(default_factory=dict)
     trusted: bool = False

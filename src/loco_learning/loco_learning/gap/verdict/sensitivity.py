@@ -110,8 +110,7 @@ def estimates(
             deviation = min(deviation, abs(at) - 1e-12) if j in (ends or {}) else deviation
         both = sorted(_unbounded(c, end) for end in both)
         sign = 1 if passive and c.strength and c.one_sided else 0
-        sizes = abs(wide * c.size), abs(deviation * c.size)
-        size = (c.origin, sign, *sizes) if c.strength else (None,)
+        size = (c.origin, sign, *abs(c.size * np.r_[wide, deviation])) if c.strength else (None,)
         result.append(Estimate(c.label, c.value(at), *both, c.unit, c.low, c.high, *size))
     return tuple(result)
 
