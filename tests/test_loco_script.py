@@ -18,7 +18,6 @@ VENV = "-m venv"
 REQUIREMENTS = "requirements/lock.txt"
 MESSAGES = "messages.py install"
 PACKAGES = "pip install --no-deps --no-build-isolation -e"
-KERNELS = "--layout rollout"
 COMMAND = ".venv/bin/loco"
 TOOLS_STAGE = "requirements/tools.txt"
 GENERATORS = "requirements/build.txt"
@@ -105,7 +104,7 @@ def checkout(tmp_path: Path, repository: Path) -> Checkout:
 
 def stages(calls: list[str]) -> list[str]:
     """Which stages the calls belong to, in order and once each."""
-    known = [*STAGES, GENERATORS, BUILD, TOOLS_STAGE, KERNELS, COMMAND]
+    known = [*STAGES, GENERATORS, BUILD, TOOLS_STAGE, COMMAND]
     firsts = [next((s for s in known if s in call), "") for call in calls]
     return list(dict.fromkeys(filter(None, firsts)))
 
@@ -141,14 +140,6 @@ def test_asking_for_a_build_repeats_the_stage_and_so_does_asking_no_more(checkou
     checkout.start()
     assert stages(checkout.start(LOCO_COMPILE="1")[2]) == [MESSAGES, COMMAND]
     assert stages(checkout.start()[2]) == [MESSAGES, COMMAND]
-
-
-@pytest.mark.parametrize("command", ["demo", "run"])
-def test_kernels_are_compiled_before_the_first_run_of_a_graph(checkout, command):
-    assert KERNELS not in stages(checkout.start("list")[2])
-    assert checkout.start(command, KILL_AT=KERNELS)[0] == -9
-    assert stages(checkout.start(command)[2]) == [KERNELS, COMMAND]
-    assert stages(checkout.start(command)[2]) == [COMMAND]
 
 
 @pytest.mark.parametrize("command", ["test", "colcon", "bench", "mutants"])

@@ -46,3 +46,29 @@ def test_a_cache_is_not_used_after_a_change_in_what_it_calls(path):
     wanted = hashlib.sha256(text.encode()).hexdigest()[:12]
     found = getattr(importlib.import_module(name), "MADE_OF", "")
     assert found == wanted, f'write MADE_OF = "{wanted}" into {path.name}'
+
+
+def slices(path: Path) -> list[str]:
+    """Assignments of kernels to slices, except of constants."""
+    nodes = [node for node in ast.walk(ast.parse(path.read_text())) if hasattr(node, "lineno")]
+    compiled = [
+        node
+        for node in nodes
+        if any("njit" in ast.unparse(mark) for mark in getattr(node, "decorator_list", ()))
+    ]
+    return [
+        ast.unparse(node)
+        for node in (node for kernel in compiled for node in ast.walk(kernel))
+        if isinstance(node, ast.Assign) and not isinstance(node.value, ast.Constant)
+        for target in node.targets
+        if isinstance(target, ast.Subscript)
+        and any(isinstance(part, ast.Slice) for part in ast.walk(target))
+    ]
+
+
+@pytest.mark.parametrize(
+    "path", [p for p in sorted(ROOT.rglob("*.py")) if kernels(p)], ids=lambda path: path.stem
+)
+def test_no_kernel_assigns_an_array_to_a_slice(path):
+    # Numba compiles the text of the error for shapes that differ with it: 2 to 4 s per process.
+    assert not slices(path)

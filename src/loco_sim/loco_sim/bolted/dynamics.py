@@ -21,8 +21,9 @@ SETTLED = 1e-5  # velocity change below which the iterations end, as in PyBullet
 
 # Columns of the link array of `workshop`: pose, velocities and accelerations (including gravity),
 # then force, moment and inertia of the link with all links outwards of it.
-AT, ALONG, SPIN, SPIN_RATE, RATE, ROT = 0, 3, 6, 9, 12, 15
-FORCE, MOMENT, FIRST, SECOND, WEIGHT, WIDTH = 24, 27, 30, 33, 42, 43
+# Numbers of NumPy, see `tree`.
+AT, ALONG, SPIN, SPIN_RATE, RATE, ROT = np.array([0, 3, 6, 9, 12, 15])
+FORCE, MOMENT, FIRST, SECOND, WEIGHT, WIDTH = np.array([24, 27, 30, 33, 42, 43])
 
 ZERO = (0.0, 0.0, 0.0)
 EYE = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0)

@@ -20,9 +20,10 @@ from ..robot.description import TENSOR, Description, add_point_mass
 from ..robot.frames import numbers, origin_of
 from ..robot.urdf_check import inertia_matrix
 
-# Columns of `Tree.body`: vectors have three, matrices nine, by rows.
-PLACE, TURN = 0, 3  # origin [m] and rotation of the joint's frame in that of the parent link
-AXIS, MASS, COM, INERTIA = 12, 15, 16, 19  # unit axis; [kg]; centre of mass [m]; [kg·m²]
+# Columns of `Tree.body`: vectors have three, matrices nine, by rows. Numbers of NumPy, as numba
+# compiles a kernel for each literal that it is called with.
+PLACE, TURN = np.array([0, 3])  # origin [m], rotation of the joint's frame in that of the parent
+AXIS, MASS, COM, INERTIA = np.array([12, 15, 16, 19])  # unit axis; [kg]; [m]; [kg·m²]
 DAMPING, LOW, HIGH = 28, 29, 30  # viscous [N·m·s/rad]; smallest and largest position [rad or m]
 ARMATURE = 31  # inertia of rotor and gear about the joint [kg·m²]
 

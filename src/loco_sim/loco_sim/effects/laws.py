@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from math import cos, exp, sin
 
+import numpy as np
 from numba import njit
 
 from ..drives.learned_kernels import learned_torque
@@ -43,7 +44,16 @@ from .rows import (
 MADE_OF = "33ba153460f2"  # of the called kernels, see tests/loco_sim/test_kernel_caches.py
 
 REST = 1e-5  # speed below which a joint is at rest, above numerical noise [rad/s] (taste)
+OF_DRIVE, OF_JOINT = np.array([True, False])  # of `torques`; numba compiles for each literal anew
 SPRING_AT = 2  # index of the first spring constant (`spring.SpringParams.row`) among the constants
+
+
+@njit(cache=True)
+def copy_rows(values, to):
+    """Write `values`, (n, m), into `to`; numba takes seconds to compile it as a slice."""
+    for i in range(values.shape[0]):
+        for k in range(values.shape[1]):
+            to[i, k] = values[i, k]
 
 
 @njit(cache=True)
@@ -73,7 +83,8 @@ def delay(first, last, joint, const, memory, line, tau):
         if steps == 0:
             continue
         if memory[r, 0] == 0.0:
-            line[base : base + steps] = tau[joint[r]]
+            for k in range(steps):
+                line[base + k] = tau[joint[r]]
             memory[r, 0] = 1.0
         place = int(memory[r, 1])
         late = line[base + place]

@@ -12,11 +12,11 @@ from numba import njit, types
 from numba.extending import intrinsic
 
 from ..drives.actuators import COMMANDS, add_springs, asked, drive_torques
-from ..effects.laws import bend, budgets, motors, torques
+from ..effects.laws import OF_DRIVE, OF_JOINT, bend, budgets, copy_rows, motors, torques
 from ..world.hinges import torque as hinge_torque
 from .sensing import BASE
 
-MADE_OF = "93e151e0119d"  # of the kernels called here: see tests/loco_sim/test_kernel_caches.py
+MADE_OF = "235097c188b1"  # of the kernels called here: see tests/loco_sim/test_kernel_caches.py
 
 
 @intrinsic
@@ -59,7 +59,7 @@ def run(engine, drives, acting, told, first, dt, memories, out):
     tau, budget, motor, drive_tau = np.empty(n), np.zeros(n), drive_rows.copy(), np.empty(n)
     look(engine, out[0])
     if len(memories):
-        memories[0] = memory
+        copy_rows(memory, memories[0])
     for row in range(rows):
         reading = out[row + 1]
         reading[2 * n : 3 * n + m] = 0.0
@@ -69,19 +69,20 @@ def run(engine, drives, acting, told, first, dt, memories, out):
             step = first + at
             for i in range(n):
                 state[i], state[n + i] = engine.q[engine.q_at[i]], engine.dq[engine.dq_at[i]]
-            command[:] = table[which[at]]
+            copy_rows(table[which[at]], command)
             bend(step, plan, joint, memory, command)
             if acting.weakens:
-                motor[:] = drive_rows
+                copy_rows(drive_rows, motor)
                 share = asked(state, command, drive_rows, rotors, supply, on, dt, step)
                 motors(step, plan, joint, const, motor, share[0], share[1])
             drive_torques(state, command, motor, rotors, dt, supply, on, tau, step)
             if len(plan):
-                torques(True, step, dt, acting.change, tau, state[:n], state[n:])
-            drive_tau[:] = tau
+                torques(OF_DRIVE, step, dt, acting.change, tau, state[:n], state[n:])
+            for i in range(n):
+                drive_tau[i] = tau[i]
             add_springs(state, springs, tau)
             if len(plan):
-                torques(False, step, dt, acting.change, tau, state[:n], state[n:])
+                torques(OF_JOINT, step, dt, acting.change, tau, state[:n], state[n:])
             for i in range(n):
                 reading[2 * n + i] += tau[i]
                 engine.tau[engine.dq_at[i]] = tau[i]
@@ -113,7 +114,7 @@ def run(engine, drives, acting, told, first, dt, memories, out):
                 reading[3 * n + i] /= steps
         look(engine, reading)
         if len(memories):
-            memories[row + 1] = memory
+            copy_rows(memory, memories[row + 1])
         if not np.isfinite(np.sum(reading)):
             return row
     return rows
@@ -134,7 +135,8 @@ def look(engine, said):
         said[i], said[n + i] = q[engine.q_at[i]], dq[engine.dq_at[i]]
     base = said[len(said) - BASE :]
     if len(engine.fixed):
-        base[:] = engine.fixed
+        for i in range(BASE):
+            base[i] = engine.fixed[i]
         return
     w, x, y, z = q[3], q[4], q[5], q[6]
     base[0], base[1], base[2], base[3], base[4], base[5], base[6] = q[0], q[1], q[2], x, y, z, w

@@ -52,8 +52,13 @@ def readings(rows, n, dt, gravity, threshold, limits):
         a, b, c = 1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - z * w), 2.0 * (x * z + y * w)
         d, e, f = 2.0 * (x * y + z * w), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - x * w)
         g, h, i = 2.0 * (x * z - y * w), 2.0 * (y * z + x * w), 1.0 - 2.0 * (x * x + y * y)
-        value[:imu] = row[:imu]
-        value[imu : imu + 4] = base[3:7]
+        total = 0.0  # finite where all that it adds up is
+        for k in range(imu):
+            value[k] = row[k]
+        for k in range(3 * n):
+            total += row[k]
+        for k in range(4):
+            value[imu + k] = base[3 + k]
         px, py, pz = base[10], base[11], base[12]
         value[imu + 4] = a * px + d * py + g * pz
         value[imu + 5] = b * px + e * py + h * pz
@@ -65,16 +70,19 @@ def readings(rows, n, dt, gravity, threshold, limits):
         value[imu + 8] = b * px + e * py + h * pz
         value[imu + 9] = c * px + f * py + i * pz
         truth = value[imu + 10 :]
-        truth[:7] = base[:7]
+        for k in range(7):
+            truth[k] = base[k]
         px, py, pz = base[7], base[8], base[9]
         truth[7] = a * px + d * py + g * pz
         truth[8] = b * px + e * py + h * pz
         truth[9] = c * px + f * py + i * pz
-        truth[10:] = value[imu + 4 : imu + 7]
+        for k in range(3):
+            truth[10 + k] = value[imu + 4 + k]
+            total += base[k] + base[7 + k]
         for k in range(touches.shape[1]):
             px, py, pz = row[3 * n + 3 * k], row[3 * n + 3 * k + 1], row[3 * n + 3 * k + 2]
             touches[r, k] = px * px + py * py + pz * pz > threshold * threshold
-        if not isfinite(np.sum(row[: 3 * n]) + np.sum(base[:3]) + np.sum(base[7:10])):
+        if not isfinite(total):
             verdicts[r] = BROKEN
         elif base[2] < limits[0] or abs(atan2(h, i)) > limits[1]:
             verdicts[r] = FALLEN

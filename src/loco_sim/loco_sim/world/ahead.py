@@ -32,7 +32,7 @@ from ..drives.servo_kernels import GAIN, LIMIT, PASSIVE, WANTED
 from ..geometry import Triple, rotation_matrix
 from ..robot.description import Description
 
-MADE_OF = "9aee43d6786f"  # of the called kernels, see tests/loco_sim/test_kernel_caches.py
+MADE_OF = "cf31ab04a3e7"  # of the called kernels, see tests/loco_sim/test_kernel_caches.py
 
 POINT, NORMAL, SPEED, GIVE, FRICTION, TOUCH = 0, 3, 6, 7, 8, 9  # columns of a contact; their number
 SWEEPS = 50  # largest number of iterations over the contacts
@@ -132,8 +132,9 @@ def stepped(tree, gravity, state, law, bodies, touch, dt, room):
     saturated, result = np.full(n, np.nan), np.empty((2, n))
     for _ in range(n + 1):
         factor, answer = matrix.copy(), np.empty((rows + 1, n))
-        answer[:rows] = jacobian
         for i in range(n):
+            for k in range(rows):
+                answer[k, i] = jacobian[k, i]
             slope, drive = law[PASSIVE, i], saturated[i]
             if np.isnan(drive):
                 slope, drive = slope + law[GAIN, i], law[WANTED, i]

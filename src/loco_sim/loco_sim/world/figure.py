@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import xml.etree.ElementTree as ET
 from collections.abc import Iterator, Sequence
+from math import ceil, floor
 from pathlib import Path
 
 import numpy as np
@@ -221,11 +222,11 @@ def rasterise(clip, paint, width, height):
         area = (x[1] - x[0]) * (y[2] - y[0]) - (x[2] - x[0]) * (y[1] - y[0])
         if area == 0.0:
             continue
-        left, right = max(int(np.ceil(x.min())), 0), min(int(np.floor(x.max())), width - 1)
-        top, bottom = max(int(np.ceil(y.min())), 0), min(int(np.floor(y.max())), height - 1)
+        left, right = max(ceil(min(x[0], x[1], x[2])), 0), floor(max(x[0], x[1], x[2]))
+        top, bottom = max(ceil(min(y[0], y[1], y[2])), 0), floor(max(y[0], y[1], y[2]))
         per = 1.0 / area
-        for row in range(top, bottom + 1):
-            for column in range(left, right + 1):
+        for row in range(top, min(bottom + 1, height)):
+            for column in range(left, min(right + 1, width)):
                 a = per * ((x[1] - column) * (y[2] - row) - (x[2] - column) * (y[1] - row))
                 if a < 0.0:
                     continue

@@ -112,8 +112,7 @@ class Records:
     @cached_property
     def heads(self) -> np.ndarray:
         """Channel, sequence number and times of each message, dtype `MESSAGE`."""
-        rows = np.empty((len(self.starts), MESSAGE.itemsize), np.uint8)
-        gather(self.bytes, self.starts - MESSAGE.itemsize, rows)
+        rows = rows_at(self.bytes, self.starts - MESSAGE.itemsize, MESSAGE.itemsize)
         return rows.view(MESSAGE).reshape(-1)
 
 
@@ -155,8 +154,8 @@ def _find(data):
     return ok, other_records, messages
 
 
-@njit(cache=True)
-def gather(data: np.ndarray, starts: np.ndarray, out: np.ndarray) -> None:
-    """Copy the bytes that begin at each of `starts` into the rows of `out`."""
-    for i in range(len(starts)):
-        out[i] = data[starts[i] : starts[i] + out.shape[1]]
+def rows_at(data: np.ndarray, starts: np.ndarray, size: int) -> np.ndarray:
+    """The `size` bytes that begin at each of `starts`, (n, size)."""
+    if not len(starts):  # perhaps in fewer bytes than one row has
+        return np.empty((0, size), np.uint8)
+    return np.lib.stride_tricks.sliding_window_view(data, size)[starts]

@@ -18,7 +18,7 @@ from loco_control.ros.messages.plain import Message, deserialize, message_class
 
 from .foreign.packing import decoded, unpacker
 from .foreign.ros1_messages import ROS1, converter, kind_of
-from .mcap_chunk import Records, gather
+from .mcap_chunk import Records, rows_at
 from .mcap_file import McapFile, of_channels
 from .parts import McapFiles, mcap_paths
 from .writer import LIBRARY
@@ -308,7 +308,7 @@ class _Columns:
                 f"{self._bag.path.name}: more messages on {self._name} than its summary says, "
                 f"{len(self._data)}"
             )
-        gather(records.bytes, starts, self._data[self._filled : end])
+        self._data[self._filled : end] = rows_at(records.bytes, starts, size)
         self._filled = end
 
     def joined(self) -> np.ndarray:
