@@ -6,7 +6,7 @@ from __future__ import annotations
 import pickle
 import re
 from collections.abc import Callable, Iterator, Sequence
-from functools import lru_cache, partial
+from functools import partial
 from typing import Any
 
 from loco_control.exceptions import GraphError, ParameterError
@@ -37,7 +37,7 @@ class Cluster(Jobs):
             raise ParameterError(
                 f"--scheduler needs dask: {error}; it comes with `./loco install cluster`"
             ) from error
-        self._distributed, self._payload, self._address = distributed, payload, address
+        self._distributed, self._address = distributed, address
         try:
             self._client = distributed.Client(
                 address, timeout=CONNECT_SECONDS, set_as_default=False
@@ -49,6 +49,8 @@ class Cluster(Jobs):
                 "out to use processes of this machine"
             ) from error
         self._try()
+        # a task, not data of a worker: the scheduler runs it again if the worker that has it dies
+        self._function = self._client.submit(_function, payload, pure=False)
 
     def _try(self) -> None:
         """Reject a cluster whose workers cannot run this package."""
@@ -64,7 +66,7 @@ class Cluster(Jobs):
 
     def outcomes(self, jobs: Sequence[tuple]) -> Iterator[tuple[int, Any]]:
         """See `Jobs`."""
-        submit = partial(self._client.submit, _remote, self._payload, pure=False)
+        submit = partial(self._client.submit, _remote, self._function, pure=False)
         index = {submit(job): i for i, job in enumerate(jobs)}
         for future in self._distributed.as_completed(index, loop=self._client.loop):
             if future.status == "cancelled":
@@ -99,14 +101,13 @@ def _check_door(address: str) -> None:
         )
 
 
-@lru_cache(maxsize=2)
 def _function(payload: bytes) -> Callable[..., Any]:
     function, shared = pickle.loads(payload)  # noqa: S301, from the caller of this cluster
     return partial(function, *shared)
 
 
-def _remote(payload: bytes, job: tuple) -> Any:
-    return sendable(outcome(_function(payload), job))
+def _remote(function: Callable[..., Any], job: tuple) -> Any:
+    return sendable(outcome(function, job))
 
 
 def _ready() -> bool:

@@ -101,7 +101,7 @@ class Memory:
 
     def __init__(self, path: Path, inputs: Sequence[Any], kinds: Sequence[type]):
         self._path = path
-        self._header = {"kind": "search", "format": 2, "inputs": digest(*inputs)}
+        self._header = {"kind": "search", "format": 3, "inputs": digest(*inputs)}
         self._header["versions"] = versions()
         self._journal: Journal | None = None
         self._known: dict[str, Any] = {}

@@ -73,3 +73,34 @@ def test_pairs_of_siblings_are_few():
     laws = ("coulomb_friction", "viscous_friction", "stribeck_friction", "load_friction")
     found = siblings([screened(law, "knee", 0.5 - 0.1 * k) for k, law in enumerate(laws)], 0.05)
     assert len(found) == 3 and not any(h.effect == laws[3] for pair in found for h, _ in pair)
+
+
+def fit_of(name, rms, hope=1.0):
+    held = SimpleNamespace(rms=rms)
+    return SimpleNamespace(
+        key=name, names=(name,), parts=((name,),), overrides={}, cost=1.0, fit_rms=rms, held=held,
+        hope=hope,
+    )  # fmt: skip
+
+
+def test_values_of_the_robot_are_fitted_by_simulation_only_near_the_best():
+    """Most of a search was spent on models of several times the residual of the best one."""
+    rough = [
+        fit_of("payload", 1.0, 0.9),
+        fit_of("armature", 9.0, 0.9),  # hopeless
+        fit_of("com_offset", 9.0, 0.01),  # a simulation may bring it near
+        fit_of("end_stop", 9.0, 0.9),  # nothing is known: it is not smooth
+    ]
+    search, sought = object.__new__(Search), []
+
+    def each(function, arguments):
+        if function.__name__ == "fit":
+            return iter(rough)
+        sought.extend(parts[0][0] for parts, *_ in arguments)
+        return (fit_of(name, 1.0) for name in sought)
+
+    search.fits, search.setting, search.each = {}, None, each
+    models = search.fitted([m.parts for m in rough])
+    assert sought == ["payload", "com_offset", "end_stop"]
+    assert [m.hope for m in models] == [1.0, 0.9, 1.0, 1.0]
+    assert [search.in_reach(fit_of("payload", rms), models) for rms in (1.9, 2.1)] == [True, False]

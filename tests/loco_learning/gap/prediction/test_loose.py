@@ -27,7 +27,7 @@ def of(slide, effects):
 
 def test_a_model_that_is_a_little_off_explains_what_it_made(slide):
     case = of(slide, [])
-    left, values, price, _ = case.suited([], {})
+    left, values, price, *_ = case.suited([], {})
     assert evidence.rms(case.bare([])) > 3.0
     assert evidence.rms(left) < 1.1
     assert values["torque_constant_error.slide"] == pytest.approx(-0.015, abs=0.01)
@@ -74,8 +74,10 @@ def test_what_no_straight_line_tells_is_sought_by_simulation(servo):
     """A drive that rounds its encoder: straight lines ended at a rod far too heavy."""
     case = servo()
     straight, _ = case._refitted([], {}, [0, 1], exact=True)
-    left, values, *_ = case.suited([], {})
-    assert evidence.rms(left) < 0.9 * evidence.rms(straight)
+    left, values, *_, hope = case.suited([], {})
+    assert evidence.rms(left) < 0.9 * evidence.rms(straight) and hope == 1.0
+    first, *_, hope = case.suited([], {}, seek=False)
+    assert evidence.rms(first) > 1.1 * evidence.rms(left) and hope < 1.0
     found = [values[name] / value for name, value in servo.truth.items()]
     assert found == pytest.approx([1.0, 1.0], abs=0.01)
 

@@ -130,9 +130,9 @@ def test_what_does_most_beside_the_others_is_a_rival_where_a_gap_is_left(effects
     judging.about, judging.found = None, Some(models=[], screened=[])
     judging.search = Some(
         setting=None, adequate=lambda model: adequate, beside=beside, energy=lambda model: 1.0,
-        each=lambda function, tasks: [
+        fitted=lambda wanted: [
             Some(parts=parts, key=" + ".join(h.effect for h, _ in reversed(parts)))
-            for parts, _ in tasks
+            for parts in wanted
         ],
     )  # fmt: skip
     assert [m.key for m in judging._swaps(best, 0, "without it")] == rivals
@@ -151,13 +151,13 @@ def test_a_look_alike_is_tried_however_many_rivals_there_are():
     known = [Some(parts=(at_knee(name),), key=name) for name in others]
     judging, asked = Judgement(), []
 
-    def each(function, tasks):
-        asked.extend(parts[0][0].effect for parts, _ in tasks)
-        return [Some(parts=parts, key=parts[0][0].effect) for parts, _ in tasks]
+    def fitted(wanted):
+        asked.extend(parts[0][0].effect for parts in wanted)
+        return [Some(parts=parts, key=parts[0][0].effect) for parts in wanted]
 
     screened = [Screened(at_knee(n)[0], 0.1, (1.0,)) for n in ("armature", "com_offset", *others)]
     judging.about, judging.found = None, Some(models=known, screened=screened)
-    judging.search = Some(setting=None, each=each, energy=lambda m: float(m.key != "com_offset"))
+    judging.search = Some(fitted=fitted, energy=lambda m: float(m.key != "com_offset"))
     assert judging._swaps(best, 0, None)[0].key == "com_offset" and asked == ["com_offset"]
 
 

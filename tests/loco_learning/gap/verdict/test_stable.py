@@ -32,10 +32,13 @@ def noise(size, seed=0):
     return [rng.normal(size=(400, 1)) + s * wave for s in size]
 
 
-def search(each=lambda function, tasks: (task[0].whole for task in tasks)):
+def search(
+    each=lambda function, tasks: (task[0].whole for task in tasks), reach=lambda model, models: True
+):
     """A search of three records whose fits end where they began."""
     records = [SimpleNamespace(name=n) for n in ("chirp", "steps", "ramp")]
-    return SimpleNamespace(case=SimpleNamespace(records=records), setting=None, each=each)
+    case = SimpleNamespace(records=records)
+    return SimpleNamespace(case=case, setting=None, each=each, in_reach=reach)
 
 
 @pytest.fixture
@@ -109,6 +112,12 @@ def test_only_the_nearest_other_names_are_fitted_again():
     twin, near, next_near, far = (fitted(noise([1.0] * 3), *n) for n in ([RUBS], [LAGS], "a", "b"))
     stable.rows(search(each), best, base, [twin, near, next_near, far], 0)
     assert asked == [best, base, near, next_near] * stable.SPLITS
+    asked.clear()
+    out = {id(base), id(near)}  # twice the residual of the best
+    some = search(each, lambda m, _: id(m) not in out)
+    rows = stable.rows(some, best, base, [near, next_near], 0)
+    assert asked == [best, next_near] * stable.SPLITS
+    assert [r.vary for r in rows].count("split") == stable.SPLITS
 
 
 def test_one_record_has_no_other_that_could_judge():

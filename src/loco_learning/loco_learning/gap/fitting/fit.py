@@ -46,6 +46,7 @@ class Fitted:
         loose: Refitted uncertain values of the robot by dotted name.
         pull: Prior penalty of these values and of the changes of the initial states [nat].
         starts: Change of the initial state of each record [rad, rad/s], (2n,).
+        hope: Share of the cost that a fit of these values by simulation may leave; 1 after it.
     """
 
     parts: tuple[tuple[Hypothesis, tuple[float, ...]], ...]
@@ -58,6 +59,7 @@ class Fitted:
     loose: dict[str, float] = field(default_factory=dict)
     pull: float = 0.0
     starts: tuple[np.ndarray, ...] = ()
+    hope: float = 1.0
 
     @cached_property
     def score(self) -> evidence.Score:
@@ -275,13 +277,14 @@ def rough(case: Case, parts: Parts, setting: Setting) -> tuple[float, tuple]:
     return float(np.sqrt(np.mean(np.square(residual)))), tuple(moved)
 
 
-def fit(case: Case, parts: Parts, setting: Setting) -> Fitted:
+def fit(case: Case, parts: Parts, setting: Setting, seek: bool = True) -> Fitted:
     """Fit hypotheses together and evaluate the residual on held-out data.
 
     Args:
         case: Model and data.
         parts: Hypotheses with their initial coordinates; empty for the initial model.
         setting: Settings that all fits share.
+        seek: Whether values of the robot are fitted by simulation where that is needed.
     """
     params = setting.params
     problem = Problem(case, parts, setting)
@@ -291,7 +294,7 @@ def fit(case: Case, parts: Parts, setting: Setting) -> Fitted:
         solution = minimise(problem, problem.start, problem.bounds, JACOBIAN_STEP, limit)
         z, cost = solution.z, solution.cost
     parts, overrides = problem.split(z)
-    return weigh(case, parts, overrides, cost)
+    return weigh(case, parts, overrides, cost, seek=seek)
 
 
 def anew(case: Case, parts: Parts, setting: Setting, about: Sequence[Mapping]) -> Fitted:
@@ -448,6 +451,7 @@ def weigh(
     cost: float = 0.0,
     given: bool = False,
     known: Mapping[str, float] | None = None,
+    seek: bool = True,
 ) -> Fitted:
     """Residuals of a model on all data; with `given`, nothing of the user's model is refitted.
 
@@ -455,9 +459,10 @@ def weigh(
     """
     specs = specs_of(parts)
     basis = case.kept() if given else case
-    residuals, loose, pull, starts = basis.suited(specs, overrides, known)
+    residuals, loose, pull, starts, hope = basis.suited(specs, overrides, known, seek)
     held = case.judged(residuals)
     rms = evidence.rms(case.masked(residuals, range(len(residuals)), held=False))
     return Fitted(
-        tuple(parts), dict(overrides), rms, held, tuple(residuals), cost, None, loose, pull, starts
-    )
+        tuple(parts), dict(overrides), rms, held, tuple(residuals), cost, None, loose, pull, starts,
+        hope,
+    )  # fmt: skip

@@ -37,6 +37,9 @@ REFITS = 3  # refits of nominal values, each with the residual scale of the prev
 TANGENT_STEP = 0.05  # step of a size, or of the logarithm of a nominal value, for sensitivities
 SIBLINGS = 3  # effects of a kind at a place that are tested in pairs
 PAIRS = 2  # pairs that are fitted
+# Increase of the log residual, fitted plus held-out, from the best model to the worst that is
+# refined: twice its rms (taste). A smooth model does not fall that far by refinement.
+IN_REACH = 2.0 * math.log(2.0)
 DEEP = 3  # models of two or more effects that are fitted to convergence at each step
 
 
@@ -233,6 +236,7 @@ class Search:
         ]
         fitted = self._fit(last)
         best = sorted(fitted, key=lambda m: (self.energy(m), m.key))[: self.params.polished]
+        best = [m for m in best if self.in_reach(m)]
         tasks = [(model, self.setting) for model in best]
         for old, model in zip(best, self.each(polish, tasks), strict=True):
             log.info("polished %-45s %8.3f held %8.3f", model.key, model.fit_rms, model.held.rms)
@@ -243,11 +247,25 @@ class Search:
     def _fit(self, wanted: Sequence[tuple]) -> list[Fitted]:
         """Fitted models, each given as a tuple of (hypothesis, start); known fits are reused."""
         new = [parts for parts in wanted if _key(parts) not in self.fits]
-        tasks = [(parts, self.setting) for parts in new]
-        for parts, fitted in zip(new, self.each(fit, tasks), strict=True):
-            self.fits[_key(parts)] = fitted
-            log.info("fit %-50s %8.3f held %8.3f", fitted.key, fitted.fit_rms, fitted.held.rms)
+        self.fits |= {_key(m.parts): m for m in self.fitted(new)}
         return [self.fits[_key(parts)] for parts in wanted]
+
+    def fitted(self, wanted: Sequence[tuple]) -> list[Fitted]:
+        """New fits; values of the robot are fitted by simulation only if that can matter."""
+        models = list(self.each(fit, [(parts, self.setting, False) for parts in wanted]))
+        again = [i for i, m in enumerate(models) if m.hope < 1.0 and self.in_reach(m, models)]
+        tasks = [(models[i].parts, models[i].overrides, models[i].cost) for i in again]
+        for i, model in zip(again, self.each(weigh, tasks), strict=True):
+            models[i] = model
+        for m in models:
+            log.info("fit %-50s %8.3f held %8.3f", m.key, m.fit_rms, m.held.rms)
+        return models
+
+    def in_reach(self, model: Fitted, among: Sequence[Fitted] = ()) -> bool:
+        """True if a model may come near the best one, of the search or `among`, by refinement."""
+        least = min(self.energy(m) for m in (*self.fits.values(), *among, model))
+        smooth = all(EFFECTS[name].identity.smooth for name in model.names)
+        return not smooth or self.energy(model) + math.log(model.hope) <= least + IN_REACH
 
     def _best(self, base: Fitted) -> str:
         """Name of the best model so far."""

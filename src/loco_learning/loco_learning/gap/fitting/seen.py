@@ -21,9 +21,9 @@ MOVED = 0.05  # simulated part of a typical change; the response is scaled up li
 NOTICED = 1.0
 
 
-def finish(case: Case, model: Fitted, setting: Setting) -> Fitted:
-    """Polish a model and count the parameters that the data can see."""
-    refined = polish(case, model, setting)
+def finish(case: Case, model: Fitted, setting: Setting, near: bool = True) -> Fitted:
+    """Polish a model that is `near` the best and count the parameters that the data can see."""
+    refined = polish(case, model, setting) if near else model
     return replace(refined, seen=seen(case, refined))
 
 

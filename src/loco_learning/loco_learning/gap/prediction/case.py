@@ -158,7 +158,8 @@ class Case:
         specs: Sequence[Mapping],
         overrides: Mapping[str, Any],
         known: Mapping[str, float] | None = None,
-    ) -> tuple[list[np.ndarray], dict[str, float], float, tuple[np.ndarray, ...]]:
+        seek: bool = True,
+    ) -> tuple[list[np.ndarray], dict[str, float], float, tuple[np.ndarray, ...], float]:
         """Residuals on all records, refitted values, their prior penalty and initial states.
 
         The refitted values are checked by a simulation. Where it differs from the linearisation, as
@@ -170,13 +171,16 @@ class Case:
             specs: Effects of the model.
             overrides: Values of the robot in the model.
             known: Further initial guess of the uncertain values.
+            seek: Whether values are fitted by simulation where that is needed.
 
         Returns:
             Residuals, (T, C) each; refitted values by dotted name, empty if there are none; half of
             the sum of squares of all deviations [nat]; change of the initial positions and
-            velocities of each record [rad, rad/s], (2n,), empty if they were not refitted.
+            velocities of each record [rad, rad/s], (2n,), empty if they were not refitted; share
+            of the cost that, by the linearisation, a fit by simulation would leave, 1 after it.
         """
         left, by, bent = self._promised(specs, overrides)
+        hope = 1.0
         if bent is not None:
             promised = self._cost(left, by)
             differs = not specs and self._apart(left, bent[0]) > LITTLE
@@ -185,11 +189,15 @@ class Case:
                 if known:
                     starts.append(self._fixed(specs, overrides, self.loose.deviations(known)))
                 left, by = min(starts, key=lambda each: self._cost(*each))
-                found = self._sought(specs, overrides, by[0], promised)
-                if self._cost(*found) < self._cost(left, by) - FEW:
-                    left, by = found
+                if seek:
+                    found = self._sought(specs, overrides, by[0], promised)
+                    if self._cost(*found) < self._cost(left, by) - FEW:
+                        left, by = found
+                else:
+                    hope = min(1.0, promised / max(self._cost(left, by), 1e-9))
         stays = self.loose is None or self.loose.held
-        return left, {} if stays else self.loose.values(by[0]), _price(by), self._moved(by[1:])
+        values = {} if stays else self.loose.values(by[0])
+        return left, values, _price(by), self._moved(by[1:]), hope
 
     def _moved(self, starts: Sequence[np.ndarray]) -> tuple[np.ndarray, ...]:
         """Change of the initial state of each record [rad, rad/s], (2n,), from its deviations."""

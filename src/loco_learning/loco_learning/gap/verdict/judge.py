@@ -324,12 +324,12 @@ class _Judgement:
         return adequate(self.found.base.whole, model.whole, strict, self.enough)
 
     def _finished(self, models: Sequence[Fitted]) -> list[Fitted]:
-        """Models refitted with their own step error, if that is better.
+        """Models refitted with their own step error, if that is better and they are in reach.
 
         A model that was refitted earlier is refitted again if its residual is now smaller.
         """
         new = {m.key: m for m in models if m.key not in self.done or self._better(m)}
-        tasks = [(m, self.search.setting) for m in new.values()]
+        tasks = [(m, self.search.setting, self.search.in_reach(m, models)) for m in new.values()]
         for key, refined in zip(new, self.search.each(finish, tasks), strict=True):
             self.done[key] = refined
         return [self.done[m.key] for m in models]
@@ -396,8 +396,7 @@ class _Judgement:
             additional = self.search.beside(without, self.found.screened)
             excluded = {*fitted, *remaining, target.key, *(h.key for h, _ in new)}
             new += [(s.hypothesis, s.x) for s in additional if s.hypothesis.key not in excluded]
-        tasks = [((*rest, part), self.search.setting) for part in new]
-        models = [*fitted.values(), *self.search.each(fit, tasks)]
+        models = [*fitted.values(), *self.search.fitted([(*rest, part) for part in new])]
         models.sort(key=lambda m: (self.search.energy(m), m.key))
         return self._anew(few(models, target, remaining))
 

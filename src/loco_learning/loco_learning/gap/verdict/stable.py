@@ -95,10 +95,14 @@ def _settings(search: Any, models: Sequence[Fitted]) -> Iterator[tuple[str, str,
     """Kind and name of each setting, with the residuals of all models under it."""
     case = search.case
     held_out = _loudest(models[1], SPLITS)
-    tasks = [(m, i, search.setting) for i in held_out for m in models]
-    results = list(search.each(again, tasks)) if len(models[1].whole) > 1 else []
-    for k, i in enumerate(held_out if results else ()):
-        group = results[k * len(models) : (k + 1) * len(models)]
+    near = [m is models[0] or search.in_reach(m, models) for m in models]
+    tasks = [
+        (m, i, search.setting) for i in held_out for m, on in zip(models, near, strict=True) if on
+    ]
+    several = len(models[1].whole) > 1
+    refits = iter(search.each(again, tasks) if several else ())
+    for i in held_out if several else ():
+        group = [next(refits) if on else m.whole for m, on in zip(models, near, strict=True)]
         yield "split", f"{case.records[i].name} judges", [[residuals[i]] for residuals in group]
     for part in range(STRETCHES):
         stretches = [[np.array_split(r, STRETCHES)[part] for r in m.whole] for m in models]
