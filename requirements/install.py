@@ -15,6 +15,7 @@ from pathlib import Path
 
 PARTS = 4
 PIP = ["-m", "pip", "install", "--require-hashes", "--no-deps", "--no-compile"]
+PIP += ["--disable-pip-version-check", "--progress-bar", "off"]  # a fifth of a second in each
 
 
 def split(text: str, parts: int = PARTS) -> list[str]:

@@ -56,6 +56,7 @@ DOORS = {
     Path("loco_workshop/battery/sysid.py"): {"mujoco"},  # a rival of the search
     Path("loco_workshop/docs/site_hooks.py"): {"mkdocs"},
     Path("loco_bringup/view/rerun_scene.py"): {"rerun"},
+    Path("loco_bringup/view/foxglove_server.py"): {"foxglove"},
 }
 # Scripts that are copied beside what we export: nothing imports them, they import nothing of ours.
 HANDED_OUT = {Path("loco_sim/export/replay_mjcf.py"): {"mujoco", "numpy"}}

@@ -150,6 +150,7 @@ ONLY_PIP = {
     "mujoco",
     "mkdocs",
     "rerun",
+    "foxglove",
     *("cma", "distributed", "llvmlite", "lz4", "mcap", "mcap_ros2", "numba", "pybullet"),
     *("pybullet_data", "rosbags", "zstandard"),  # lz4 and zstandard come with mcap
 }

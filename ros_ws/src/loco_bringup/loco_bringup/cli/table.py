@@ -34,6 +34,7 @@ EXTRAS: dict[tuple[str, ...], str] = {
     "there are gap, export-model, report, export, calibrate, optimise, reinforce, study, robot, "
     "list, schema and `run --layout rollout`",
     ("rerun",): "it comes with `./loco install view`",
+    ("foxglove",): "it comes with `./loco install foxglove`",
     ("dynamixel_sdk",): "it comes with `./loco install dynamixel`",
     ("pytest", "rosbags", "mcap_ros2"): "it comes with `./loco install test`",
 }

@@ -86,6 +86,8 @@ def compare(p: ArgumentParser) -> None:
 
 @command("view --layouts", "view.layouts_terminal:show_layouts",
          "write layouts for Foxglove and RViz")  # fmt: skip
+@command("view --foxglove", "view.foxglove_server:show_foxglove",
+         "serve the topics of a bag to Foxglove")  # fmt: skip
 @command("view", "view.terminal:show_view", "show bags or a gap in Rerun: legs move, forces, "
          "curves; all but the first are ghosts")  # fmt: skip
 def view(p: ArgumentParser) -> None:
@@ -93,6 +95,8 @@ def view(p: ArgumentParser) -> None:
     p.add_argument("bag", type=Path, nargs="*",
                    help="bags of runs, or a folder of results of `loco gap`")  # fmt: skip
     option(p, "--save", Path, "write this .rrd file and start no viewer")
+    p.add_argument("--foxglove", type=int, nargs="?", const=8765, metavar="PORT",
+                   help="serve the topics of one bag to Foxglove (default port 8765)")  # fmt: skip
     p.add_argument("--layouts", type=folder, nargs="?", const=Path("results/layouts"),
                    metavar="DIR", help="write layouts for Foxglove and RViz (default "
                    "results/layouts)")  # fmt: skip
