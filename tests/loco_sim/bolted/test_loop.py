@@ -25,6 +25,7 @@ SMALL = {  # parameters with which robots of all sizes stay stable
     "learned_residual": {"weights": (0.005,) * 18, "travel": 9.0, "speed": 99.0},
     "actuator_lag": {"time": 0.002},
     "actuation_delay": {"delay": 0.001},
+    "torque_hold": {"period": 0.003},
     "added_stiffness": {"stiffness": 0.5},
     "cubic_stiffness": {"cubic": 0.1},
     "backlash": {"width": 0.002, "inertia": 0.01},

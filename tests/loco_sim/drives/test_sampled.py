@@ -195,3 +195,17 @@ def test_in_robot_yaml_the_default_period_is_the_control_period(rate):
     assert {d.period for d in robot.load("hyq_leg").drives.values()} == {0.0}
     with pytest.raises(ParameterError, match="needs a period above 0 s, got 0"):
         robot.load("hyq_leg", {**way, "drives.*.period": 0.0})
+
+
+@pytest.mark.parametrize("period", [0.003, 0.004])
+def test_the_effect_that_holds_torques_is_a_drive_that_holds_them(period):
+    plant = robot.load("hyq_leg", {"sim.implicit_damping": False})
+    other = robot.load("hyq_leg", {**HELD, "drives.*.period": period})
+    told, effect = commanded(plant), [make("torque_hold", period=period)]
+    np.testing.assert_array_equal(
+        np.array(Bolted(plant, effect, dt=0.004).run(*told)),
+        np.array(Bolted(other, dt=0.004).run(*told)),
+    )
+    for engine in ("mujoco", "pybullet"):
+        one, two = driven(plant, engine, told, effect), driven(other, engine, told)
+        np.testing.assert_array_equal(one, two)

@@ -65,6 +65,7 @@ STRONG = {
     "torque_ripple": {"sine": 5.0, "cosine": 2.0},
     "terrain": {"roughness": 0.03, "flat": 0.0},
     "torque_constant_error": {"error": 0.3},
+    "torque_hold": {"period": 0.01},
     "torque_limit": {"reduction": 0.9},
     "torque_speed_line": {"slope": 10.0},
     "trunk_flex": {"compliance": 0.01, "damping": 1.0},

@@ -45,6 +45,7 @@ CLEAR = {
     "spring_saturation": {"lost": 1.0, "torque": 0.01},
     "slip": {"loss": 1.0, "duration": 0.02},
     "soft_patches": {"compliance": 2e-3, "damping": 5.0, "share": 0.9, "flat": 0.0},
+    "torque_hold": {"period": 0.015},  # a torque that is commanded is held for 10 ms anyway
     "torque_limit": {"reduction": 0.95},
     "torque_speed_line": {"slope": 10.0},
     "trunk_flex": {"compliance": 0.01, "damping": 0.05},

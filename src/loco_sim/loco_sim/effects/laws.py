@@ -16,7 +16,7 @@ import numpy as np
 from numba import njit
 
 from ..drives.learned_kernels import learned_torque
-from ..drives.servo_kernels import given, scaled
+from ..drives.servo_kernels import due, given, scaled
 from ..drives.spring_kernels import spring_torque
 from .rows import (
     BACKLASH,
@@ -24,6 +24,7 @@ from .rows import (
     DELAY,
     END_STOP,
     GAIN,
+    HOLD,
     HYSTERESIS,
     LAG,
     LEARNED,
@@ -214,6 +215,15 @@ def series(first, last, joint, const, memory, tau, q, dq, dt):
 
 
 @njit(cache=True)
+def hold(first, last, joint, const, memory, tau, step, dt):
+    """Law tau <- tau of the last sample; const: period. memory: started, tau."""
+    for r in range(first, last):
+        if memory[r, 0] == 0.0 or due(step, dt, const[r, 0]):
+            memory[r, 0], memory[r, 1] = 1.0, tau[joint[r]]
+        tau[joint[r]] = memory[r, 1]
+
+
+@njit(cache=True)
 def spring(first, last, joint, const, memory, tau, q, dq, dt):
     """Law tau <- tau - k x - k3 x^3, x = q - rest; const: rest, k, k3."""
     for r in range(first, last):
@@ -370,6 +380,8 @@ def torques(of_drives, step, dt, laws, tau, q, dq):
             backlash(a, b, joint, const, memory, tau, q, dq, dt)
         elif law == SERIES:
             series(a, b, joint, const, memory, tau, q, dq, dt)
+        elif law == HOLD:
+            hold(a, b, joint, const, memory, tau, step, dt)
         elif law == SPRING:
             spring(a, b, joint, const, memory, tau, q, dq, dt)
         elif law == SATURATION:

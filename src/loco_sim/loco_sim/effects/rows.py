@@ -8,10 +8,10 @@ from typing import NamedTuple
 import numpy as np
 
 # Numbers of the laws in `laws.torques`; friction laws have none.
-GAIN, DELAY, LAG, LIMIT, SPEED_LINE, SAG, BACKLASH, SERIES = range(8)
-SPRING, SATURATION, RESCALED, SHIFTED, END_STOP, HYSTERESIS, MAXWELL, LEARNED = range(8, 16)
-WAVE, COUPLED = range(16, 18)
-OF_DRIVES = 8  # smaller numbers are laws on the drive torque, the others on the joint torque
+GAIN, DELAY, LAG, LIMIT, SPEED_LINE, SAG, BACKLASH, SERIES, HOLD = range(9)
+SPRING, SATURATION, RESCALED, SHIFTED, END_STOP, HYSTERESIS, MAXWELL, LEARNED = range(9, 17)
+WAVE, COUPLED = range(17, 19)
+OF_DRIVES = 9  # smaller numbers are laws on the drive torque, the others on the joint torque
 FEATURES = 18  # number of features of `learned_kernels.learned_torque`
 CONSTANTS, MEMORY = 7 + FEATURES, 5  # numbers per row
 ON_MOTOR = 2  # index among the constants of a drive law: 1 if it acts on the motor behind a gear

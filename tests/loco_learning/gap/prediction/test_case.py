@@ -169,3 +169,16 @@ def test_what_engines_differ_by_moves_no_mass_of_an_exact_robot():
     counted = replace(case.loose, weight=np.ones(len(case.loose.weight)), grams={})
     _, far = replace(case, loose=counted)._refitted((), None, [0])
     assert np.max(np.abs(far[0])) > 2.0  # as if errors of contacts were noise
+
+
+def test_a_late_torque_does_not_explain_one_that_is_held(bench):
+    """Nor does a mean delay of half the period; a period that is a little off is worse, too."""
+    case, _ = bench([{"name": "torque_hold", "period": 0.008}])
+
+    def left(name, **values):
+        spec = [{"name": name, **values}]
+        return float(np.sqrt(np.mean(np.square(case.corrected(spec, {}).bare(spec)[0]))))
+
+    assert left("torque_hold", period=0.008) < 1.1
+    others = [left("actuation_delay", delay=d) for d in (0.003, 0.0035, 0.004, 0.0045)]
+    assert min([*others, left("torque_hold", period=0.0085)]) > 3.0

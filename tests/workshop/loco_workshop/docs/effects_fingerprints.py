@@ -109,6 +109,7 @@ FINGERPRINTS: dict[str, Fingerprint] = {
     "backlash": moved({"width": 0.01, "inertia": 3.0}, q=sine(0.05, 2.0), duration=1.0),
     "command_delay": moved({"delay": 0.05}),
     "actuation_delay": moved({"delay": 0.012}),
+    "torque_hold": moved({"period": 0.02}),
     "joint_offset": moved({"offset": 0.01}),
     "torque_bias": swing({"torque": 0.2}),
     "torque_ripple": swing({"sine": 0.15, "count": 12.0}),

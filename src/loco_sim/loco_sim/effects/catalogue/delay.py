@@ -102,3 +102,34 @@ class ActuationDelay(DriveEffect, name="actuation_delay"):
 
     def constants(self, world: Any, joints: np.ndarray) -> Sequence[Any]:
         return (round(self.delay / world.dt),)
+
+
+@dataclass
+class TorqueHold(DriveEffect, name="torque_hold"):
+    """A digital controller samples its torque once per period and holds it until the next sample.
+
+    The mean delay of half a period is inside the impedance loop, so it reduces damping. Samples are
+    at multiples of the period, which is rounded to physics steps.
+    """
+
+    period: float = parameter(0.0, "period of the samples", "s", low=0.0, high=1.0)
+    law, among = rows.HOLD, "driven"
+
+    identity = Identity(
+        site="actuator",
+        kind="delay",
+        equation="tau(t) <- tau(period floor(t / period))",
+        priors={"period": Prior(0.002, 0.005, 0.05)},
+        source="Franklin, Powell, Workman 1998, Digital control of dynamic systems, chapter 5",
+        look_alikes=(
+            LookAlike("actuation_delay", "record faster than the period: held torques are steps"),
+            LookAlike("actuator_lag", "chirp: a lag reduces the amplitude, a hold hardly does"),
+        ),
+        touches=("drive",),
+        passive=False,
+        smooth=False,
+        whole_steps="period",
+    )
+
+    def constants(self, world: Any, joints: np.ndarray) -> Sequence[Any]:
+        return (round(self.period / world.dt) * world.dt,)
