@@ -110,8 +110,17 @@ def test_a_wrong_set_up_is_told_with_its_line_and_nothing_is_tried(write, tmp_pa
     assert "moves against its command" in (tmp_path / "gap" / "gap.html").read_text()
 
 
+def test_fix_chooses_none_of_two_ways_and_says_so(write, tmp_path, capsys):
+    turned = write("turned.csv", lambda t: -good(t))
+    given = "--robot", "servo_pendulum", "--workers", "1"
+    assert call(turned, *given, "--fix", "--out", tmp_path / "out") == 2
+    said = " ".join(capsys.readouterr().out.split())
+    assert "--fix leaves out: sign of pivot" in said and "written:" not in said
+    assert not (tmp_path / "out" / "mapping.yaml").exists()
+
+
 def test_fix_writes_the_lines_into_new_files_and_they_mend(write, tmp_path, capsys):
-    in_degrees = write("degrees.csv", lambda t: -57.29578 * good(t))
+    in_degrees = write("degrees.csv", lambda t: 57.29578 * good(t))
     before = {p: p.read_text() for p in tmp_path.iterdir()}
     given, out = ("--robot", "servo_pendulum", "--workers", "1"), tmp_path / "out"
     assert call(in_degrees, *given, "--fix", "--out", out) == 2

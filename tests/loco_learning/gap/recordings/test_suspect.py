@@ -35,6 +35,7 @@ def later(change, factor):
         ({"dq": -1.0}, "opposite sign"),
         ({"dq": 8.0}, "a wrong unit or scale"),
         ({"q": 1e3}, "probably q is in mrad"),
+        ({"dq": 1e3}, "probably dq is in mrad/s;"),
         ({"q": 4096 / (2 * np.pi)}, "probably q is in counts of 4096 a turn"),
         ({"q": 1e5 / (2 * np.pi)}, "probably q is in a unit of this size"),
         ({"dq": 2.0}, r"[12].* times the derivative of q.*scale: 0.5.* at dq.*\{scale: 0.5"),

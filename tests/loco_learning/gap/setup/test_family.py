@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from loco_learning.gap.recordings import suspect
 from loco_learning.gap.setup import family, signals
 from loco_learning.gap.setup.bench import Bench
 from loco_learning.gap.setup.limits import LIMITS
@@ -110,6 +111,55 @@ def test_what_an_effect_does_is_no_mistake_of_the_set_up(judged, change):
     assert judged("arm", change) == []
 
 
+def roles(findings):
+    """Roles and joints of the lines of the only finding, which has one way to mend it."""
+    (finding,) = findings
+    assert finding.mends and not finding.others
+    return {(c.role, c.joint) for c in finding.mends}
+
+
+@pytest.mark.parametrize("columns", [("q",), ("q", "tau"), ("cmd",), ("tau",), ("cmd", "tau")])
+@pytest.mark.parametrize("joint", MACHINES["arm"].joints)
+def test_measured_torques_tell_which_columns_of_a_joint_are_turned(judged, joint, columns):
+    def change(data):
+        for what in columns:
+            data[f"{what}_{joint}"] = -data[f"{what}_{joint}"]
+
+    said = {"cmd": "command_position"}
+    found = judged("arm", change)
+    lines = {(c.role, c.joint) for finding in found for c in finding.mends}
+    assert lines == {(said.get(what, what), joint) for what in columns}
+    assert not any(finding.others for finding in found)
+
+
+@pytest.mark.parametrize("columns", [("q",), ("q", "tau"), ("cmd",)])
+@pytest.mark.parametrize("name", ["arm", "geared"])
+def test_measured_torques_tell_which_columns_are_exchanged(judged, name, columns):
+    joints = MACHINES[name].joints
+    change = swap(*(tuple(f"{what}_{joint}" for joint in joints) for what in columns))
+    said = {"cmd": "command_position"}
+    wanted = {(said.get(what, what), joint) for what in columns for joint in joints}
+    assert roles(judged(name, change)) == wanted
+
+
+@pytest.mark.parametrize(("name", "by"), [("arm", (0.5, 3.0)), ("lift", (2.0, 0.5))])
+def test_guessed_gains_follow_from_the_measured_torque_with_their_error(judged, name, by):
+    (finding,) = judged(name, **drives(name, *by))
+    machine, found = MACHINES[name], {c.key: c.value for c in finding.mends}
+    for joint, kp, kd in zip(machine.joints, machine.kp, machine.kd, strict=True):
+        assert found[f"drives.{joint}.kp"] == pytest.approx(kp, rel=0.02)
+        assert found[f"drives.{joint}.kd"] == pytest.approx(kd, rel=0.05)
+    assert "±" in finding.says and "in robot.yaml" in str(finding)
+
+
+@pytest.mark.parametrize(("factor", "unit"), [(1e3, "mN m"), (100.0, "N cm"), (1e-3, "kN m")])
+def test_a_torque_in_another_power_of_ten_gets_its_unit(judged, mended, factor, unit):
+    (finding,) = judged("arm", times("tau_shoulder", factor))
+    assert [(c.key, c.value, c.role) for c in finding.mends] == [("unit", unit, "tau")]
+    assert family.look(*mended([finding])) == []
+
+
+DEGREE = 180.0 / np.pi
 PLANTED = [
     ("arm", times("q_elbow", -1.0), {}, {"sign"}, ("elbow",)),
     ("arm", times("cmd_shoulder", -1.0), {}, {"sign"}, ("shoulder",)),
@@ -206,6 +256,33 @@ def swinging(recorded, tmp_path):
     """A model and a record of the arm."""
     model, records = read(MACHINES["arm"].write(tmp_path / "set", recorded("arm")))
     return model, records[0]
+
+
+@pytest.mark.parametrize(
+    ("factors", "clock"),
+    [((2.0, 1.0), False), ((1.0, 0.5), False), ((2.0, 0.45), False), ((2.0, 2.0), True)],
+)
+def test_a_wrong_clock_is_offered_only_where_no_joint_refutes_it(swinging, factors, clock):
+    model, record = swinging
+    dq = np.gradient(record.signals["q"], record.dt, axis=0) * factors
+    record = replace(record, signals={**record.signals, "dq": dq})
+    found = list(suspect.findings(record, model.make_robot()))
+    assert len(found) == sum(factor != 1.0 for factor in factors)
+    for finding in found:
+        assert ("time: {scale" in finding.says) is clock
+        assert [c.key for c in finding.mends] == ([] if clock else ["scale"])
+
+
+def test_speeds_and_places_of_a_slide_in_mm_get_their_line(recorded, tmp_path):
+    model, (record, _) = read(MACHINES["lift"].write(tmp_path / "set", recorded("lift")))
+    q = record.signals["q"]
+    dq = np.gradient(q, record.dt, axis=0)
+    for factors, roles in (((1.0, 1e3), ["dq"]), ((1e3, 1.0), ["q"])):
+        scale = np.array([[a, 1.0] for a in factors])
+        signals = {**record.signals, "q": q * scale[0], "dq": dq * scale[1]}
+        (finding,) = suspect.findings(replace(record, signals=signals), model.make_robot())
+        unit = "mm/s" if roles == ["dq"] else "mm"
+        assert [(c.role, c.value) for c in finding.mends] == [(role, unit) for role in roles]
 
 
 @pytest.mark.parametrize(

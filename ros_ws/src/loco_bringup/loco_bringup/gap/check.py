@@ -126,7 +126,7 @@ def fix(
     Raises:
         ParameterError: The recordings have different mappings.
     """
-    lines = (Change(**line) for one in found["setup"] for line in one["mends"])
+    lines = (Change(**line) for one in found["setup"] if _sure(one) for line in one["mends"])
     changes = list(dict.fromkeys(lines))  # two findings may share one
     options: dict[str, Path] = {}
     if any(change.file == MAPPING for change in changes):
@@ -146,6 +146,11 @@ def fix(
     return options
 
 
+def _sure(finding: Checked) -> bool:
+    """Whether a finding has one way to mend it."""
+    return bool(finding["mends"]) and not finding["others"]
+
+
 def free(path: Path) -> Path:
     """The first of path, path_2, path_3, ... that does not exist."""
     numbered = (path.with_stem(f"{path.stem}_{k}") for k in itertools.count(2))
@@ -155,13 +160,15 @@ def free(path: Path) -> Path:
 def next_lines(
     robot: str, bags: Sequence[str], found: Checked, fixed: Mapping[str, Path]
 ) -> list[str]:
-    """Corrected files and the command to continue with, or the option that writes the files."""
+    """Corrected files, what they leave out, and the next command; or the option for them."""
+    left = [f"--fix leaves out: {one['fault']} of {', '.join(one['joints']) or 'the robot'}, as "
+            + ("several ways mend it: choose one" if one["others"] else "no line mends it")
+            for one in found["setup"] if not _sure(one)]  # fmt: skip
     if not fixed:
-        fixable = any(one["mends"] for one in found["setup"])
-        return ["--fix writes these lines into new files"] if fixable else []
+        return left + ["--fix writes these lines into new files"] * any(map(_sure, found["setup"]))
     options = {"--robot": robot, **fixed}
     arguments = " ".join(f"{key} {value}" for key, value in options.items())
-    return [*(f"written: {path}" for path in fixed.values()),
+    return [*(f"written: {path}" for path in fixed.values()), *left,
             f"then:    loco gap {' '.join(map(str, bags))} {arguments}"]  # fmt: skip
 
 
@@ -195,8 +202,7 @@ def counts(found: Checked) -> dict[str, int]:
     grades: dict[tuple[str, str, str], str] = {}
     for row in found["effects"]:
         key = row["effect"], row["variant"], row["place"]
-        order = (YES, LARGE, NO)
-        grades[key] = min(grades.get(key, NO), row["seen"], key=order.index)
+        grades[key] = min(grades.get(key, NO), row["seen"], key=(YES, LARGE, NO).index)
     return {grade: list(grades.values()).count(grade) for grade in (YES, LARGE, NO)}
 
 
@@ -310,22 +316,21 @@ def page(found: Checked) -> str:
         parts += [
             html.part("What would show", lambda: _effects(found), long=True),
             html.part("Effect by joint", lambda: _matrix(found), long=True),
-            html.part("Not tried", lambda: _untried(found)),
+            html.part("Not tried", lambda: html.bullets(
+                f"{text.words(n['effect'])}: {n['reason']}" for n in found["not_tried"])),
         ]
     return html.document(f"Recordings of {Path(str(found['robot'])).name}", head, parts)
 
 
 def _recordings(found: Checked) -> Markup:
-    notes = [*signals(found), *readings(found)]
-    return html.join(
-        [html.table(RECORDING_HEAD, recording_rows(found), range(2, 7)), html.bullets(notes)]
-    )
+    rows = html.table(RECORDING_HEAD, recording_rows(found), range(2, 7))
+    return html.join([rows, html.bullets([*signals(found), *readings(found)])])
 
 
 def _effects(found: Checked) -> Markup:
     chart = html.figure(partial(plots.sizes, found), "What would show", _SIZES)
-    caption = html.paragraph(_SHOWS, soft=True)
-    return html.join([chart, caption, html.table(HEAD, by_effect(found), range(1, 4))])
+    rows = html.table(HEAD, by_effect(found), range(1, 4))
+    return html.join([chart, html.paragraph(_SHOWS, soft=True), rows])
 
 
 def _matrix(found: Checked) -> Markup:
@@ -343,12 +348,8 @@ def _matrix(found: Checked) -> Markup:
         ])
         for name, at in rows.items()
     ]  # fmt: skip
-    note = html.paragraph(_MATRIX, soft=True)
-    return html.join([note, html.matrix([text.place_of(p) for p in locations], cells)])
-
-
-def _untried(found: Checked) -> Markup:
-    return html.bullets(f"{text.words(n['effect'])}: {n['reason']}" for n in found["not_tried"])
+    table_of = html.matrix([text.place_of(p) for p in locations], cells)
+    return html.join([html.paragraph(_MATRIX, soft=True), table_of])
 
 
 _SHOWS = (

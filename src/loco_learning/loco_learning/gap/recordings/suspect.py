@@ -8,6 +8,7 @@ The limits lie between.
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -26,6 +27,7 @@ SLOWEST, FASTEST = 4.0, 2e4  # range of plausible sampling rates [Hz]
 RATIO_NEAR = 0.12  # largest distance of a ratio to a known one [log]
 ENCODER_NEAR = 0.05  # the same, for counts of an encoder, a power of two a turn
 BOTH_WAYS = 0.1  # share of samples of either sign above which a signal changes sign
+TENTH = 0.3  # largest distance of a ratio to a power of ten [log]: friction and rotors, no unit
 RATIO_FAR = 3.0  # ratio that no effect causes
 # The same of signals with this correlation; gains of 30 % too much and too little make 1.86.
 RATIO_CLEAR, CLEAR = 1.9, 0.99
@@ -146,6 +148,22 @@ def _smooth(x: np.ndarray, width: int) -> np.ndarray:
     return x[: count * width].reshape(count, width).mean(axis=1)
 
 
+def _speeds(record: Record, joint: str) -> tuple[float, float]:
+    """Ratio of the measured velocity to the derivative of the position, and their correlation."""
+    dq, q = _of(record, "dq", joint), _of(record, "q", joint)
+    rows = [] if dq is None or q is None else np.flatnonzero(np.isfinite(q))  # some in a slow log
+    if len(rows) < 2:
+        return 1.0, 0.0
+    step = spacing(rows)
+    pairs = rows[:-1][np.diff(rows) == step]  # no pauses
+    dt, steps = step * record.dt, (q[pairs + step] - q[pairs]) / (step * record.dt)
+    width = max(1, min(round(0.03 / dt), len(pairs) // 40))
+    speeds = _smooth(steps, width)
+    if width == 1 and np.std(np.diff(speeds)) > np.std(speeds):
+        return 1.0, 0.0  # hardly two samples a radian: no difference or mean is of the motion
+    return slope(speeds, _smooth(0.5 * (dq[pairs] + dq[pairs + step]), width))
+
+
 def _velocity(
     record: Record, joint: str, turning: bool, description: Description
 ) -> Iterator[Finding]:
@@ -153,20 +171,7 @@ def _velocity(
 
     Of the two, angles outside the joint limits are wrong if the ratio brings them inside.
     """
-    dq, q = _of(record, "dq", joint), _of(record, "q", joint)
-    if dq is None or q is None:
-        return
-    rows = np.flatnonzero(np.isfinite(q))  # of a slow log, some of the rows
-    if len(rows) < 2:
-        return
-    step = spacing(rows)
-    pairs = rows[:-1][np.diff(rows) == step]  # no pauses
-    dt, steps = step * record.dt, (q[pairs + step] - q[pairs]) / (step * record.dt)
-    width = max(1, min(round(0.03 / dt), len(pairs) // 40))
-    speeds = _smooth(steps, width)
-    if width == 1 and np.std(np.diff(speeds)) > np.std(speeds):
-        return  # hardly two samples a radian: neither difference nor mean are those of the motion
-    ratio, correlation = slope(speeds, _smooth(0.5 * (dq[pairs] + dq[pairs + step]), width))
+    (ratio, correlation), q = _speeds(record, joint), _of(record, "q", joint)
     if abs(correlation) < 0.8:
         return
     by = abs(ratio)
@@ -176,10 +181,17 @@ def _velocity(
                f"limits: probably q is in {unit}"  # fmt: skip
         yield _of_angles(record, joint, says, key, value)
         return
+    milli, rate = "mrad" if turning else "mm", (1.0 - RATIO_NEAR) / record.dt
+    text = f"dq of {joint} is {by:.3g} times the derivative of q: probably"
+    if abs(np.log(by / 1e3)) < RATIO_NEAR and 1e3 * rate > FASTEST:  # not the time in ms
+        yield _of_unit(f"{text} dq is in {milli}/s", joint, "dq", UNIT, f"{milli}/s")
+        return
+    if abs(np.log(by * 1e3)) < RATIO_NEAR and 1e-3 * rate < SLOWEST:  # nor read as ms
+        yield _of_angles(record, joint, f"{text} q is in {milli}", UNIT, milli)
+        return
     for size, meaning in RATIOS.items():
         if abs(np.log(by / size)) < RATIO_NEAR and (turning or size in (1e3, 1e-3)):
-            yield _of_unit(f"dq of {joint} is {by:.3g} times the derivative of q: "
-                           f"probably {meaning}", joint, *MEND.get(meaning, ()))  # fmt: skip
+            yield _of_unit(f"{text} {meaning}", joint, *MEND.get(meaning, ()))
             return
     if ratio < 0.0:
         yield _of_unit(f"dq of {joint} has the opposite sign of the derivative of q: sign of one",
@@ -188,9 +200,13 @@ def _velocity(
         yield _of_unit(f"dq of {joint} is {ratio:.3g} times the derivative of q: a wrong unit or "
                        "scale of one, or of the time", joint, "dq", SCALE, 1.0 / ratio)  # fmt: skip
     elif correlation > CLEAR and not 1.0 / RATIO_CLEAR < ratio < RATIO_CLEAR:
+        speeds = map(lambda j: _speeds(record, j), record.joints)
+        right = any(c > CLEAR and abs(np.log(x / ratio)) > RATIO_NEAR for x, c in speeds)
+        clock = ", as other joints refute a wrong clock" if right else (
+            f" (scale: {1.0 / ratio:.4g} at dq), or a clock that runs {ratio:.3g} times too fast "
+            f"(time: {{scale: {1.0 / ratio:.4g}}})")  # fmt: skip
         yield _of_unit(f"dq of {joint} is {ratio:.3g} times the derivative of q: a wrong scale of "
-                       f"one (scale: {1.0 / ratio:.4g} at dq), or a clock that runs {ratio:.3g} "
-                       f"times too fast (time: {{scale: {1.0 / ratio:.4g}}})", joint)  # fmt: skip
+                       f"one{clock}", joint, "dq", SCALE, right / ratio)  # fmt: skip
 
 
 def _unit_of_angle(by: float) -> tuple[str, str, Any]:
@@ -272,6 +288,12 @@ def _torque(record: Record, robot: Robot) -> Iterator[Finding]:
                            "tau", *mend)  # fmt: skip
 
 
+def power_of_ten(ratio: float) -> str:
+    """Unit of torques that are so many times those in N·m or N; empty if none is near."""
+    return next((unit for unit, size in (("mN m", 1e-3), ("N cm", 1e-2), ("kN m", 1e3))
+                 if abs(np.log(max(abs(ratio) * size, 1e-12))) < TENTH), "")  # fmt: skip
+
+
 def _unsigned(record: Record) -> Iterator[Finding]:
     """Compare the measured torque with its cause (command or position error): lost sign.
 
@@ -307,9 +329,10 @@ def _size(
     if usual > 5.0 * beyond * limit:
         milli = usual > 100.0 * limit
         unit = "mN·m" if milli else "A or in counts"
-        yield _of_unit(f"{what} of {joint} reaches {usual:.4g} N·m, many times the limit of the "
-                       f"joint: probably it is in {unit}, not N·m", joint, what, UNIT,
-                       "mN m" if milli else "")  # fmt: skip
+        text = f"{what} of {joint} reaches {usual:.4g} N·m, many times the limit of the joint: " \
+               f"probably it is in {unit}, not N·m"  # fmt: skip
+        yield replace(_of_unit(text, joint, what, UNIT, "mN m" if milli else ""),
+                      fault="effort" if what == "tau" else "unit")  # fmt: skip
 
 
 def _imu(record: Record) -> Iterator[Finding]:

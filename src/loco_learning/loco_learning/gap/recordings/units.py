@@ -39,6 +39,7 @@ UNITS: dict[str, tuple[str, float]] = {
     "N m": ("torque", 1.0),
     "mN m": ("torque", 1e-3),
     "N cm": ("torque", 1e-2),
+    "kN m": ("torque", 1e3),
     "kg cm": ("torque", 1e-2 * GRAVITY),
     "N": ("force", 1.0),
     "kN": ("force", 1e3),
@@ -59,7 +60,7 @@ _SPELLINGS = {
     "°": "deg", "°/s": "deg/s", "degree": "deg", "degrees": "deg", "radian": "rad",
     "radians": "rad", "µs": "us", "μs": "us", "sec": "s", "m/s²": "m/s^2", "m/s2": "m/s^2",
     "-": "1", "counts": "count", "ticks": "count", "bool": "1", "ratio": "1", "": "1",
-    "volt": "V", "volts": "V", "ampere": "A", "amps": "A", "kg": "kgf", "kg·cm": "kg cm",
+    "volt": "V", "volts": "V", "ampere": "A", "amps": "A", "kg": "kgf", "kg·cm": "kg cm", "n·cm": "N cm",
 }  # fmt: skip
 _OPERATORS = {
     ast.Add: operator.add,

@@ -126,19 +126,30 @@ class Bench:
     def torques(self) -> Trial | None:
         """Simulation compared in measured joint torques; None if they were not measured."""
         records = self.told_records()
-        if not all(record.has("tau") for record in records):
+        if not self.possible or not all(record.has("tau") for record in records):
             return None
         model = model_with(self.model, self._changes)
         forward = Forward(model, records, ForwardParams(signals=("tau",)))
         names = tuple(channel.name for channel in forward.channels)
         return Trial(names, tuple(forward()), tuple(forward.measured))
 
+    def supported(self, options: Sequence[tuple[Change, ...]]) -> list[tuple[Change, ...]]:
+        """Of sets of lines those with which the model explains the measured torques best.
+
+        All of them if no torque was measured, or if it is not explained with any of them.
+        """
+        runs = [None if self.led or self.free else self.mended(one).torques() for one in options]
+        errors = [run.miss() if run else np.inf for run in runs]
+        smallest = min(errors, default=np.inf)
+        limit = LIMITS.alike * smallest + 1e-3 if smallest < LIMITS.explained else np.inf
+        return [option for option, error in zip(options, errors, strict=True) if error <= limit]
+
     def settled(
         self,
         fault: str,
         joints: tuple[str, ...],
         says: str,
-        ways: Sequence[tuple[Change, ...]],
+        ways: Iterable[tuple[Change, ...]],
         whole: bool = False,
     ) -> list[Finding]:
         """A finding if one of several sets of lines corrects a suspected mistake; otherwise empty.
@@ -157,9 +168,10 @@ class Bench:
         if not after or after[0][0] > min(before / LIMITS.better, LIMITS.left):
             return []
         best = after[0][0]
-        alike = [trials[k][1] for miss, k in after if miss < LIMITS.alike * best + 1e-3]
+        ways = self.supported([trials[k][1] for miss, k in after
+                               if miss < LIMITS.alike * best + 1e-3])  # fmt: skip
         text = f"{says}. The model misses {before:.0%} of it as it is, {best:.0%} with this mended"
-        return [Finding(fault, joints, text, alike[0], tuple(alike[1:]))]
+        return [Finding(fault, joints, text, ways[0], tuple(ways[1:]))]
 
     def _run(self, changes: Sequence[Change]) -> Trial:
         records = [mended(record, changes) for record in self.records]

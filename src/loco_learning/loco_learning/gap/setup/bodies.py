@@ -15,8 +15,9 @@ from loco_sim.robot.description import Description
 from loco_sim.robot.servo import ImpedanceDrive
 
 from ..recordings import suspect
+from . import signals
 from .bench import Bench
-from .commands import lines
+from .commands import lines, moved
 from .finding import EFFECTS, MAPPING, MODEL, OFFSET, SCALE, SIGN, UNIT, Change, Finding
 from .limits import LIMITS
 
@@ -24,10 +25,29 @@ POWERS = (1e-3, 0.1, 10.0, 1e3)  # factors of masses in g, or of another robot's
 
 
 def drafted(bench: Bench) -> list[Finding]:
-    """Finding, which stops nothing, of gains that `robot new` guessed, fitted to the recordings."""
+    """Finding, which stops nothing, of gains that `robot new` guessed.
+
+    They follow from the measured torque of a drive; else they are fitted to the motion.
+    """
     joints = stiff(bench) if "drives" in bench.robot.guessed else ()
-    if not joints or bench.free or bench.fits:
+    if not joints or bench.free:
         return []
+    now = {j: np.array([d.kp, d.kd]) for j, d in bench.robot.drives.items() if j in joints}
+    gains = {j: by for j in joints if (by := signals.regressed(bench, j))}
+    off = [j for j, (by, e) in gains.items() if np.any(np.abs(by - now[j]) > 2.0 * e + 0.01 * by)]
+    exact = tuple(c for j in off for c in gained(bench, gains[j][0] / now[j], (j,)))
+    after = bench.mended(exact).torques() if off else None
+    if after and all(abs(alike) > LIMITS.against and 1.0 / LIMITS.scale < abs(by) < LIMITS.scale
+                     for by, alike in (moved(after, j) for j in off)):  # fmt: skip
+        texts = (f"{key} of {j} is {by:.4g} ± {error:.1g}" for j in off
+                for key, by, error in zip(("kp", "kd"), *gains[j], strict=True))  # fmt: skip
+        text = f"{', '.join(texts)} by the measured torque; guessed in robot.yaml"
+        return [Finding("guessed gains", tuple(off), text, exact, stops=False)]
+    return [] if bench.fits or gains and not off else _fitted(bench, joints)
+
+
+def _fitted(bench: Bench, joints: Sequence[str]) -> list[Finding]:
+    """Finding of gains of some joints that are fitted to the motion."""
 
     def way(log_by: np.ndarray) -> tuple[Change, ...]:
         by = zip(joints, np.exp(np.reshape(log_by, (-1, 2))), strict=True)
@@ -51,14 +71,17 @@ def axis(bench: Bench) -> list[Finding]:
         trials = []
         for some in itertools.combinations(joints, count):
             way = tuple(c for joint in some for c in lines(bench, joint, SIGN, -1, ""))
-            trials.append((bench.miss(*way), some, way))
+            bare = tuple(c for c in way if c.role != "tau")  # the torque may be right
+            trials += [(bench.miss(*way), some, one) for one in dict.fromkeys((way, bare))]
         least = min((miss for miss, _, _ in trials), default=0.0)
         trials = [t for t in trials if t[0] < LIMITS.alike * least + 1e-3]
+        ways = bench.supported([way for _, _, way in trials])
+        trials = [t for t in trials if t[2] in ways]
         some = tuple(dict.fromkeys(joint for _, some, _ in trials for joint in some))
-        names = (" and " if len(trials) == 1 else " or ").join(some)
+        names = (" and " if len({t[1] for t in trials}) == 1 else " or ").join(some)
         says = (f"{names} turns the other way round in the URDF than in the recordings: weight and "
                 "coupling have the other sign")  # fmt: skip
-        found = bench.settled("axis", some, says, [way for _, _, way in trials], whole=True)
+        found = bench.settled("axis", some, says, ways, whole=True)
         if found:
             return found
     return []

@@ -12,6 +12,7 @@ from .bench import Bench, Trial
 from .finding import JOINT, MAPPING, SCALE, SIGN, Change, Finding, roles_of
 from .limits import LIMITS
 
+MEASURED = ("q", "tau", "command")  # columns with a mistake in common, see `lines`
 UNIT_NAMES = {suspect.DEGREE: "deg", 1e3: "mrad or mm", 1.0 / (2.0 * np.pi): "rev"}
 
 
@@ -23,10 +24,10 @@ def sign(bench: Bench) -> list[Finding]:
     for i, joint in enumerate(trial.joints):
         if alike[i] > -LIMITS.against:
             continue
-        turned = [(SIGN, -1, "q"), (SIGN, -1, "command")]
+        turned = [lines(bench, joint, SIGN, -1, of) for of in MEASURED]
         says = (f"{joint} moves against its command: correlation {alike[i]:.2f} with what the "
                 "model does")  # fmt: skip
-        found += bench.settled("sign", (joint,), says, [lines(bench, joint, *t) for t in turned])
+        found += bench.settled("sign", (joint,), says, dict.fromkeys(turned))
     return found
 
 
@@ -43,7 +44,7 @@ def exchanged(bench: Bench) -> list[Finding]:
         says = (f"{a} follows the command of {b} (correlation {alike[j, i]:.2f}, with its own "
                 f"{alike[i, i]:.2f}) and {b} that of {a} ({alike[i, j]:.2f}, {alike[j, j]:.2f}): "
                 "exchanged")  # fmt: skip
-        ways = [swapped(bench, a, b, "q"), swapped(bench, a, b, "command")]
+        ways = dict.fromkeys(swapped(bench, a, b, of) for of in MEASURED)
         found += bench.settled("exchanged", (a, b), says, ways)
     return found
 
@@ -70,10 +71,14 @@ def scale(bench: Bench) -> list[Finding]:
 
 
 def lines(bench: Bench, joint: str, key: str, value: float, of: str) -> tuple[Change, ...]:
-    """The same change for the measured (q), commanded (command), or all ("") columns of a joint."""
+    """The same change for some columns of a joint: those of `of`, or all ("").
+
+    Of its motion (q), of all that was measured (tau), or of what was commanded (command).
+    """
     roles = dict.fromkeys(role for r in bench.records for role in roles_of(r, joint))
     mine = [r for r in roles if not of or r.startswith("command_") is (of == "command")]
-    mine = [r for r in mine if "tau" not in r and "torque" not in r or key == SIGN]
+    no = () if key == SIGN and of != "q" else ("tau",) if key == SIGN else ("tau", "command_torque")
+    mine = [r for r in mine if r not in no]
     return tuple(Change(MAPPING, key, value, role, joint) for role in mine)
 
 

@@ -36,15 +36,18 @@ def look(model: Model, records: Sequence[Record]) -> list[Finding]:
         records: Recordings.
     """
     found = of_signals(model, records)
+    large = [f for f in found if f.fault == "effort" and not f.mends]  # told last
+    found = [f for f in found if f not in large]
     bench = Bench(model, records, tuple(mend.changes_of(found)))
     if not bench.possible or not all(finding.mends for finding in found):
-        return found  # no simulation is possible, or it would be of a wrong set-up
+        return found + large  # no simulation is possible, or it would be of a wrong set-up
     rounds = 0 if bench.free else LIMITS.rounds
     for test in (*TESTS, *(best,) * rounds, signals.effort):
         new = test(bench) if all(finding.mends for finding in found) else []
         found += new
         bench = bench.mended(mend.changes_of(new))
-    return found
+    units = {f.joints for f in found if f.fault == "effort"}
+    return found + [f for f in large if f.joints not in units]
 
 
 def _refuted(finding: Finding, model: Model, record: Record) -> bool:

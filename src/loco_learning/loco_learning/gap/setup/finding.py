@@ -13,7 +13,7 @@ import yaml
 from ..recordings import units
 from ..recordings.record import JOINT_SIGNALS, Record
 
-MAPPING, MODEL = "mapping.yaml", "model.yaml"
+MAPPING, MODEL, ROBOT = "mapping.yaml", "model.yaml", "robot.yaml"
 EFFECTS = "effects"  # key of a model.yaml whose value is a list of effects
 JOINT, SIGN, SCALE, UNIT, OFFSET, WRAP = "joint", "sign", "scale", "unit", "offset", "wrap"
 
@@ -41,7 +41,8 @@ class Change:
         value = f"{self.value:.6g}" if isinstance(self.value, float) else self.value
         if self.key == EFFECTS:
             value = yaml.safe_dump(list(value), default_flow_style=True).strip()
-        return f"{self.key}: {value}{where} in {self.file}"
+        file = ROBOT if self.file == MODEL and self.key != EFFECTS else self.file
+        return f"{self.key}: {value}{where} in {file}"
 
     @property
     def factor(self) -> float:

@@ -43,6 +43,9 @@ class Limits:
         exact: Correlation of efforts and drive torques that differ by a factor alone.
         needed: The same for the torque of the motion, without friction.
         effort: Ratio above which an effort is in another unit.
+        explained: Largest error of the torques that a corrected set-up may leave where they decide,
+            over the deviation of the torques: of gains that are guessed, and friction.
+        sure: Smallest gain over its error in a regression.
         alike: Largest ratio of the errors of two corrections that cannot be distinguished.
     """
 
@@ -76,6 +79,8 @@ class Limits:
     exact: float = 0.99
     needed: float = 0.85
     effort: float = 1.12
+    explained: float = 0.8
+    sure: float = 5.0
     alike: float = 1.3
 
 

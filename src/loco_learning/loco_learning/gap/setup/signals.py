@@ -15,10 +15,11 @@ from ..recordings import lags, suspect
 from ..recordings.record import Record, bridged
 from .bench import Bench
 from .commands import moved
-from .finding import MAPPING, MODEL, OFFSET, SCALE, WRAP, Change, Finding
+from .finding import MAPPING, MODEL, OFFSET, SCALE, SIGN, UNIT, WRAP, Change, Finding
 from .limits import LIMITS
 
 TURN = 2.0 * np.pi
+BLOCKS = 8  # parts of a recording that are left out in turn for the error of a fit (jackknife)
 
 
 def wraps(record: Record, robot: Robot) -> Iterator[Finding]:
@@ -121,34 +122,50 @@ def effort(bench: Bench) -> list[Finding]:
     found: list[Finding] = []
     needed = bench.torques() if not (bench.led or bench.free) else None
     for joint in needed.joints if needed else ():
-        drive = bench.robot.drives.get(joint)
         by_motion, alike = moved(needed, joint)
-        if not isinstance(drive, ImpedanceDrive) or drive.integrates or alike < LIMITS.needed:
-            continue
-        ratio, sure = _asked(bench, joint, drive)
-        off = abs(np.log(ratio))
-        if sure < LIMITS.exact or off < np.log(LIMITS.effort):
-            continue
-        if abs(np.log(ratio / by_motion)) > 0.5 * off:
+        if alike < -LIMITS.needed:
+            text = f"tau of {joint} has the other sign than what the motion needs ({alike:.2f})"
+            found += [Finding("sign", (joint,), text, (Change(MAPPING, SIGN, -1, "tau", joint),))]
+        unit = suspect.power_of_ten(by_motion) if abs(alike) > LIMITS.against else ""
+        gains = regressed(bench, joint) if abs(alike) > LIMITS.needed and not unit else None
+        ratio = float(gains[0][0]) / bench.robot.drives[joint].kp if gains else abs(by_motion)
+        off = abs(np.log(ratio)) if gains or unit else 0.0
+        if off < np.log(LIMITS.effort) or abs(np.log(ratio / abs(by_motion))) > 0.5 * off:
             continue  # the motor gives another torque than commanded
-        says = (f"tau of {joint} is {ratio:.3g} times what inertia, weight and drive ask for "
-                f"(correlation {sure:.3f}): a current in A, of {1.0 / ratio:.3g} N·m per A, or "
-                "raw counts? Here it is taken so")  # fmt: skip
-        way = (Change(MAPPING, SCALE, 1.0 / ratio, "tau", joint),)
-        found.append(Finding("effort", (joint,), says, way, stops=False))
+        text = f"tau of {joint} is {ratio:.3g} times what inertia, weight and drive ask for: " + (
+            f"probably it is in {unit}" if unit else f"a current in A, of {1.0 / ratio:.3g} N·m "
+            "per A, or raw counts? Here it is taken so")  # fmt: skip
+        line = (Change(MAPPING, *((UNIT, unit) if unit else (SCALE, 1.0 / ratio)), "tau", joint),)
+        found.append(Finding("effort", (joint,), text, line, stops=False))
     return found
 
 
-def _asked(bench: Bench, joint: str, drive: ImpedanceDrive) -> tuple[float, float]:
-    """Ratio and correlation of effort and drive torque along the measured motion."""
-    asked, tau = [], []
+def regressed(bench: Bench, joint: str) -> tuple[np.ndarray, np.ndarray] | None:
+    """Gains kp and kd of a drive by regression of the measured torque, and their errors, (2,).
+
+    Returns:
+        None if the torque was not measured, is not that of an impedance drive, or tells too little.
+    """
+    drive, tables = bench.robot.drives.get(joint), []
     for record in bench.told_records():
+        if not isinstance(drive, ImpedanceDrive) or drive.integrates or not record.has("tau"):
+            return None
         i, k = record.driven.index(joint), record.joints.index(joint)
-        q = bridged(record.signals["q"][:, k])
-        dq = lags.rates(q, record.dt)
-        wish = record.command.get("velocity")
-        speed = drive.speed_feed * wish[:, i] if wish is not None else 0.0
-        asked.append(drive.kp * (record.command["position"][:, i] - q) + drive.kd * (speed - dq))
-        tau.append(record.signals["tau"][:, k])
-    ratio, alike = suspect.slope(np.concatenate(asked), np.concatenate(tau))
-    return max(ratio, 1e-12), alike
+        q, tau = (bridged(record.signals[signal][:, k]) for signal in ("q", "tau"))
+        dq = bridged(record.signals["dq"][:, k]) if record.has("dq") else lags.rates(q, record.dt)
+        wish = record.command.get("velocity", np.zeros((len(q), i + 1)))[:, i]
+        error = record.command["position"][:, i] - q
+        tables.append(np.stack([error, drive.speed_feed * wish - dq, np.ones(len(q)), tau], axis=1))
+    table = np.concatenate([rows[np.isfinite(rows).all(axis=1)] for rows in tables])
+    parts = [np.delete(table, part, axis=0) for part in np.array_split(range(len(table)), BLOCKS)]
+    (by, alike), *each = (_fitted(part) for part in (table, *parts))
+    error = np.sqrt(BLOCKS - 1.0) * np.std([one for one, _ in each], axis=0)
+    by = by * np.sign(by[0])  # the torque may be logged with the other sign
+    sure = alike > LIMITS.exact and by[0] > LIMITS.sure * error[0] and by[1] >= 0.0
+    return (by, error) if sure else None
+
+
+def _fitted(table: np.ndarray) -> tuple[np.ndarray, float]:
+    """Coefficients of the first two columns for the last, (2,), and its correlation with all."""
+    by = np.linalg.lstsq(table[:, :-1], table[:, -1], rcond=None)[0]
+    return by[:2], suspect.slope(table[:, :-1] @ by, table[:, -1])[1]
