@@ -179,7 +179,7 @@ def _masses(rng, name: str, machine: Machine, joint: str) -> Mistake | None:
         return None  # its drives are stiff
     factor = float(rng.choice([0.1, 10.0, 1000.0]))
     arm = {"shoulder_link": 1.0, "elbow_link": 0.6}
-    masses = {"arm": arm, "geared": arm, "pendulum": {"swing_link": 1.5}}
+    masses = {"arm": arm, "geared": arm, "stiff": arm, "pendulum": {"swing_link": 1.5}}
     values = {link: factor * mass for link, mass in masses[name].items()}
     return Mistake(
         name, f"masses x {factor:g}", frozenset({"masses"}), (), None, {"masses": values}

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Four machines of other code than loco's: what a recording of each would hold, as files.
+"""Five machines of other code than loco's: what a recording of each would hold, as files.
 
-A two-link arm with stiff drives, the same with rotors behind its gears, a pendulum that is told
+A two-link arm, the same with rotors behind its gears or with stiff drives, a pendulum that is told
 torques, and a lift that carries an arm.
 Lagrange's equations by hand, Runge-Kutta in steps of a millisecond, dry friction, noise.
 """
@@ -196,6 +196,7 @@ MACHINES = {
         ARM, acceleration=partial(arm_acceleration, rotor=ROTOR), kp=(20.0, 20.0), kd=(0.6, 0.6),
         robot={"dynamics": {joint: {"armature": ROTOR} for joint in ARM.joints}},
     ),
+    "stiff": replace(ARM, kp=(200.0, 125.0), kd=(6.0, 3.0)),
     "pendulum": Machine(
         ("swing",),
         link("swing_link", 1.5, 0.4, 0.03)

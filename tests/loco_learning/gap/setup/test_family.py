@@ -214,6 +214,9 @@ BOTH = [
     ("arm", None, {"about": {"carried": True}}, {"gravity carried"}, ()),
     ("arm", None, {"about": {"tilt": np.pi}}, {"gravity turned"}, ()),
     ("arm", None, {"about": {"tilt": 0.7}}, {"gravity turned"}, ()),
+    ("stiff", None, {"about": {"tilt": -0.6}}, {"gravity turned"}, ()),
+    ("stiff", None, {"masses": {"shoulder_link": 16.0, "elbow_link": 6.0}}, {"masses"}, ()),
+    ("stiff", both("elbow", -1.0), {}, {"axis"}, ("elbow",)),
 ]
 
 
@@ -228,7 +231,21 @@ def test_a_mistake_is_found_at_its_joint_and_its_lines_mend_it(
     assert findings[0].mends and "say " in str(findings[0])
     model, records = mended(findings)
     assert family.look(model, records) == []
-    assert Bench(model, records).miss() < LIMITS.missed + 0.03
+    assert Bench(model, records).miss() < 0.08  # dry friction is left, which the models lack
+
+
+def test_a_command_of_the_other_sign_that_drives_the_model_into_a_stop_is_told(recorded, tmp_path):
+    records = recorded("lift")
+    for data in records:
+        data["q_column"] = data["q_column"] + 0.5
+        data["cmd_column"] = -(data["cmd_column"] + 0.5)
+    urdf = MACHINES["lift"].write(tmp_path / "set", records) / "machine.urdf"
+    text = urdf.read_text()
+    urdf.write_text(text.replace('lower="-0.5" upper="0.5"', 'lower="0.1" upper="0.9"'))
+    assert text != urdf.read_text()
+    (finding,) = family.look(*read(tmp_path / "set"))
+    assert finding.fault == "sign" and finding.joints == ("column",)
+    assert [(c.role, c.value) for c in finding.mends] == [("command_position", -1)]
 
 
 def test_a_command_that_is_the_measured_position_is_told(judged):

@@ -138,7 +138,7 @@ def look(
         ],
         effects=[_row(one, robot) for one in results],
         not_tried=[{"effect": e, "reason": note} for e, note in untried(robot, offers) + rest],
-        notes=_tried(records, parts),
+        notes=[*untested(robots), *_tried(records, parts)],
         search_seconds=_search(forward, records, len(groups), params, max(1, workers)),
     )  # fmt: skip
 
@@ -219,9 +219,6 @@ def missing(records: Sequence[Record], robots: Sequence[Robot]) -> list[str]:
     if "tau" not in signals:
         notes.append("no joint torques: an error of a torque and one of a mass are told apart by "
                      "the shape of the motion alone")  # fmt: skip
-    if all(r.fixed_base for r in robots) and all(reasons := [needs_engine(r) for r in robots]):
-        notes.append("axes, weight, masses and gains of the set-up were not tested, as the robot "
-                     f"needs an engine: {reasons[0]}")  # fmt: skip
     if not all(r.fixed_base for r in robots):
         if "gyro" not in signals and "base_orientation" not in signals:
             notes.append("no IMU on a robot that is free: how its trunk moves is not known")
@@ -264,6 +261,14 @@ def excerpts(records: Sequence[Record], seconds: float) -> list[Record]:
     count = min(max(int(seconds / EFFORT.each_min), 1), len(records))
     chosen = np.linspace(0.0, len(records) - 1.0, count).round().astype(int)
     return [busiest(records[i], max(seconds / count, EFFORT.each_min)) for i in chosen]
+
+
+def untested(robots: Sequence[Robot]) -> list[str]:
+    """A sentence on tests of the set-up that bolted robots did not have; none if they had all."""
+    reasons = [needs_engine(robot) for robot in robots if robot.fixed_base]
+    if len(reasons) < len(robots) or not all(reasons):
+        return []
+    return [f"axes, weight, masses and gains of the set-up were not tested: {reasons[0]}"]
 
 
 def _tried(records: Sequence[Record], parts: Sequence[Record]) -> list[str]:

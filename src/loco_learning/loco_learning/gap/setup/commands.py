@@ -18,35 +18,32 @@ UNIT_NAMES = {suspect.DEGREE: "deg", 1e3: "mrad or mm", 1.0 / (2.0 * np.pi): "re
 
 def sign(bench: Bench) -> list[Finding]:
     """Findings of joints that move opposite to their simulation."""
-    trial = bench()
-    alike = np.diag(correlations(trial))
-    found = []
-    for i, joint in enumerate(trial.joints):
+    alike, found = np.min([np.diag(each) for each in _alike(bench)], axis=0), []
+    for i, joint in enumerate(bench().joints):
         if alike[i] > -LIMITS.against:
             continue
         turned = [lines(bench, joint, SIGN, -1, of) for of in MEASURED]
-        says = (f"{joint} moves against its command: correlation {alike[i]:.2f} with what the "
-                "model does")  # fmt: skip
+        says = (f"{joint} moves against its command: correlation {alike[i]:.2f} with it, or with "
+                "what the model does")  # fmt: skip
         found += bench.settled("sign", (joint,), says, dict.fromkeys(turned))
     return found
 
 
 def exchanged(bench: Bench) -> list[Finding]:
     """Findings of joint pairs in which each joint follows the command of the other."""
-    trial = bench()
-    alike = correlations(trial)
-    found = []
-    for i, j in itertools.combinations(range(len(trial.joints)), 2):
+    joints, found = bench().joints, list[Finding]()
+    pairs = itertools.combinations(range(len(joints)), 2)
+    for (i, j), alike in itertools.product(pairs, _alike(bench)):
         own, other = np.array([alike[i, i], alike[j, j]]), np.array([alike[i, j], alike[j, i]])
         if np.any(other < LIMITS.follows) or np.any(own > other - LIMITS.apart):
             continue
-        a, b = trial.joints[i], trial.joints[j]
+        a, b = joints[i], joints[j]
         says = (f"{a} follows the command of {b} (correlation {alike[j, i]:.2f}, with its own "
                 f"{alike[i, i]:.2f}) and {b} that of {a} ({alike[i, j]:.2f}, {alike[j, j]:.2f}): "
                 "exchanged")  # fmt: skip
         ways = dict.fromkeys(swapped(bench, a, b, of) for of in MEASURED)
         found += bench.settled("exchanged", (a, b), says, ways)
-    return found
+    return list({one.joints: one for one in found}.values())
 
 
 def scale(bench: Bench) -> list[Finding]:
@@ -89,6 +86,15 @@ def swapped(bench: Bench, a: str, b: str, of: str) -> tuple[Change, ...]:
         for joint, to in ((a, b), (b, a))
         for c in lines(bench, joint, SIGN, 1, of)
     )
+
+
+def _alike(bench: Bench) -> list[np.ndarray]:
+    """Correlations of the measured motion with the model's, and with the commands themselves.
+
+    A model that a wrong command drives into the stops of its joints tells nothing.
+    """
+    trials = bench(), bench.told()
+    return [correlations(trial) for trial in trials if trial.joints == trials[0].joints]
 
 
 def correlations(trial: Trial) -> np.ndarray:

@@ -57,7 +57,7 @@ class Limits:
     samples: int = 20
     better: float = 2.5
     left: float = 0.5
-    missed: float = 0.05
+    missed: float = 0.01
     worst: int = 6
     both: float = 1.4
     scales: tuple[float, ...] = (
