@@ -4,6 +4,8 @@
 from __future__ import annotations
 
 import json
+import shlex
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -130,3 +132,14 @@ def test_fix_writes_the_lines_into_new_files_and_they_mend(write, tmp_path, caps
     assert call(in_degrees, *given, "--fix", "--out", out, "--mapping", out / "mapping.yaml") == 0
     assert not (out / "mapping_2.yaml").exists()
     assert json.loads((out / check.JSON).read_text())["setup"] == []
+
+
+@pytest.mark.parametrize("given", [None, Path("my mapping.yaml")])
+@pytest.mark.parametrize("key", ["--robot", "--mapping"])
+def test_the_next_command_has_what_was_given_and_what_was_fixed(given, key):
+    fixed = {key: Path("out/new.yaml")}
+    line = check.next_lines("servo_pendulum", ["a log.csv"], given, {"setup": []}, fixed)[-1]
+    words = shlex.split(line.partition("loco gap ")[2])
+    robot, mapping = ("out/new.yaml", given) if key == "--robot" else ("servo_pendulum", fixed[key])
+    wanted = ["a log.csv", "--robot", robot, *(["--mapping", str(mapping)] if mapping else [])]
+    assert words == wanted

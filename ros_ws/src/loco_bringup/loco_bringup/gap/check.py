@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import argparse
 import itertools
+import shlex
 import sys
 from collections.abc import Mapping, Sequence
 from functools import partial
@@ -70,7 +71,7 @@ def show_check(a: argparse.Namespace) -> int:
     else:
         show(result)
         console.print(f"  page: {folder / PAGE}")
-        for line in (*notes, *next_lines(robot, a.bags, result, fixed)):
+        for line in (*notes, *next_lines(robot, a.bags, mapping, result, fixed)):
             console.print(f"  {line}")
     return 2 if result["refused"] or result["verdict"] == WRONG else 0
 
@@ -158,7 +159,7 @@ def free(path: Path) -> Path:
 
 
 def next_lines(
-    robot: str, bags: Sequence[str], found: Checked, fixed: Mapping[str, Path]
+    robot: str, bags: Sequence[str], given: Path | None, found: Checked, fixed: Mapping[str, Path]
 ) -> list[str]:
     """Corrected files, what they leave out, and the next command; or the option for them."""
     left = [f"--fix leaves out: {one['fault']} of {', '.join(one['joints']) or 'the robot'}, as "
@@ -166,10 +167,10 @@ def next_lines(
             for one in found["setup"] if not _sure(one)]  # fmt: skip
     if not fixed:
         return left + ["--fix writes these lines into new files"] * any(map(_sure, found["setup"]))
-    options = {"--robot": robot, **fixed}
-    arguments = " ".join(f"{key} {value}" for key, value in options.items())
+    options = {"--robot": robot} | ({"--mapping": given} if given else {}) | {**fixed}
+    words = itertools.chain(map(str, bags), *((key, str(path)) for key, path in options.items()))
     return [*(f"written: {path}" for path in fixed.values()), *left,
-            f"then:    loco gap {' '.join(map(str, bags))} {arguments}"]  # fmt: skip
+            f"then:    loco gap {shlex.join(words)}"]  # fmt: skip
 
 
 def verdict(found: Checked, refused: Sequence[Any]) -> str:
