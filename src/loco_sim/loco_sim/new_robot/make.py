@@ -17,7 +17,7 @@ from loco_control.exceptions import MissingFileError, ParameterError
 from ..foreign.joints import WORLDS
 from ..foreign.tidy import Tidied
 from ..geometry import rotation_matrix
-from ..robot.clearance import clearance
+from ..robot.clearance import SPACE, clearance, raised
 from ..robot.urdf_check import mass_of, problems
 from . import gains as gain
 from . import legs, limits, trial
@@ -40,7 +40,6 @@ SEED = 0  # seed of random draws: the same URDF gives the same robot
 SWING = 0.3, 0.05  # largest swing of a hinge [rad] and of a prismatic joint [m]
 SHARE = 0.2  # share of its range that a joint swings to each side
 POSES = 200  # random poses for the lowest reach of a fixed-base robot
-ROOM = 0.1  # clearance below the moving links of a fixed-base robot [m]
 
 
 @dataclass
@@ -291,11 +290,11 @@ def _clear(draft: Draft, body: Body, rng: np.random.Generator) -> float:
     """
     lowest = clearance(draft.description(), 0.0, draft.folder)
     with probe(draft.text(), draft.folder) as final:
-        gap = ROOM * min(1.0, final.size(_middle(body)))
+        gap = SPACE * min(1.0, final.size(_middle(body)))
         if not np.isfinite(lowest):
             low = np.where(np.isfinite(body.low), body.low, -np.pi)
             high = np.where(np.isfinite(body.high), body.high, np.pi)
             poses = low + (high - low) * rng.random((POSES, len(low)))
             heights = [point[2] for q in poses for point in final.lowest(q).values()]
             lowest = 1.1 * min(heights, default=0.0)
-    return float(np.ceil(10.0 * (gap - min(0.0, lowest))) / 10.0)
+    return raised(lowest, gap)

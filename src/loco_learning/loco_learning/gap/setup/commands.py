@@ -75,8 +75,7 @@ def lines(bench: Bench, joint: str, key: str, value: float, of: str) -> tuple[Ch
     roles = dict.fromkeys(role for r in bench.records for role in roles_of(r, joint))
     mine = [r for r in roles if not of or r.startswith("command_") is (of == "command")]
     no = () if key == SIGN and of != "q" else ("tau",) if key == SIGN else ("tau", "command_torque")
-    mine = [r for r in mine if r not in no]
-    return tuple(Change(MAPPING, key, value, role, joint) for role in mine)
+    return tuple(Change(MAPPING, key, value, role, joint) for role in mine if role not in no)
 
 
 def swapped(bench: Bench, a: str, b: str, of: str) -> tuple[Change, ...]:

@@ -4,8 +4,9 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import cache, partial
 
 import numpy as np
 
@@ -50,7 +51,7 @@ def look(model: Model, records: Sequence[Record]) -> list[Finding]:
     return found + [f for f in large if f.joints not in units]
 
 
-def _refuted(finding: Finding, model: Model, record: Record) -> bool:
+def _refuted(finding: Finding, bench_of: Callable[[], Bench], record: Record) -> bool:
     """True for degrees, turns or an unknown unit, told by a range, that a simulation contradicts.
 
     The model does not fit better with its lines, and another scale explains the motion, or a motion
@@ -59,7 +60,7 @@ def _refuted(finding: Finding, model: Model, record: Record) -> bool:
     roles, joints = {change.role for change in finding.mends}, finding.joints
     if finding.fault not in OF_RANGE or roles - {"q", "command_position"}:
         return False
-    bench = Bench(model, [record])
+    bench = bench_of()
     if bench.free or not bench.possible:
         return False
     trial = bench(*finding.mends)
@@ -101,10 +102,11 @@ def of_signals(model: Model, records: Sequence[Record]) -> list[Finding]:
     found: dict[object, dict[str, Finding]] = {}
     for record in records:
         robot = robot_of(model, record)
+        bench_of = cache(partial(Bench, model, [record]))  # simulated once, and only if needed
         of_units = () if record.trusted else suspect.findings(record, robot)
         others = (signals.wraps(record, robot), signals.base(record, robot))
         for finding in itertools.chain(*others, of_units):
-            if _refuted(finding, model, record):
+            if _refuted(finding, bench_of, record):
                 continue
             key = finding.joints, finding.mends or finding.says
             found.setdefault(key, {})[record.name] = finding
