@@ -364,6 +364,20 @@ def test_the_plant_waits_for_a_recorder_that_lags_and_no_longer(bench):
     assert plant.sent == [0, 1, 2, 3, 4]
 
 
+def test_a_status_that_goes_back_holds_no_plant(bench):
+    plant = Plant(bench, recorded=True, flow_window=2)
+    for tick in range(4):
+        plant.node._on_recorder(RecorderStatus(tick=tick))
+        plant.node._on_recorder(RecorderStatus(tick=0))  # of a stranger
+        plant.command(tick)
+    assert plant.sent == [0, 1, 2, 3, 4]
+    plant.command(4)
+    plant.command(5)
+    assert plant.tick == 6 and plant.sent[-1] == 5  # held
+    plant.node._on_recorder(RecorderStatus(tick=4))
+    assert plant.sent[-1] == 6
+
+
 @pytest.mark.parametrize("parameters", [{"recorded": True, "clock": "asap"}, {"recorded": False}])
 def test_nobody_waits_for_a_recorder_without_need(bench, parameters):
     plant = Plant(bench, flow_window=2, **parameters)

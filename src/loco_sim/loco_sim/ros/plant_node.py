@@ -292,8 +292,7 @@ class PlantNode(LocoNode):
             self._estop.engage(reason)
         if self._over():
             return
-        lagging = self.state.tick - self._recorder_tick > self.tick.flow_window
-        if self.recorded and lagging and self.tick.clock == "lockstep":
+        if self.recorded and self.tick.clock == "lockstep" and self._lags(self.state):
             self._held = self.state  # published when the recorder has caught up
             return
         self._publish(self.state)
@@ -312,12 +311,17 @@ class PlantNode(LocoNode):
         """Message at the end of the run."""
         return f"{self.state.t:.1f} s simulated"
 
+    def _lags(self, state: RobotState) -> bool:
+        return state.tick - self._recorder_tick > self.tick.flow_window
+
     def _on_recorder(self, status: RecorderStatus) -> None:
         if status.tick > self.now()[0]:
             self.refuse("recorder_status", f"tick {status.tick} has not come yet")
             return
-        self._recorder_tick = status.tick
-        if self._held is not None and self._held.tick - status.tick <= self.tick.flow_window:
+        # A recorder never goes back: a lower tick comes from another publisher, directly or through
+        # the recorder. A plant that is held would send no tick by which the recorder could mend it.
+        self._recorder_tick = max(self._recorder_tick, status.tick)
+        if self._held is not None and not self._lags(self._held):
             state, self._held = self._held, None
             self._publish(state)
 

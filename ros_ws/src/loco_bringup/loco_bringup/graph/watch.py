@@ -6,11 +6,12 @@ from __future__ import annotations
 import contextlib
 import math
 import time
+from collections import deque
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from loco_control.exceptions import GraphError
 from loco_control.ros.endpoints import ANOTHER, own_host, strangers
@@ -33,6 +34,14 @@ _MISTAKE = "loco_control.ros.executor: "  # prefix of a user error in the log of
 STALL_TIMEOUT = 30.0  # wall time without a tick after which a run is aborted [s]
 
 
+class _End(NamedTuple):
+    """Announced end of a run: last tick, simulated time [s] and text."""
+
+    tick: int
+    time: float
+    text: str
+
+
 @dataclass
 class _Graph:
     """State of the robot in one namespace."""
@@ -40,20 +49,24 @@ class _Graph:
     table: str  # key of the topic table
     started: bool = False
     alone: bool = False  # no other process wrote its topics at the start
-    finished: bool = False
-    final_tick: int = -1
-    final_time: float = 0.0
-    text: str = ""  # text of its final event
+    ends: deque[_End] = field(default_factory=lambda: deque(maxlen=KEPT))  # also of others
     sim_time: float = 0.0
     recorder_tick: int = -1
 
     @property
+    def end(self) -> _End | None:
+        """The end announced for the time of the plant's diagnostics, if any.
+
+        Other processes may announce ends, too.
+        """
+        t = self.sim_time
+        near = (e for e in self.ends if abs(e.time - t) <= _ROUNDING * max(1.0, t))
+        return next(near, None)
+
+    @property
     def done(self) -> bool:
         """Whether it has ended, its last diagnostics have arrived, and the bag is complete."""
-        # Another process may announce the end; then the time in the plant's diagnostics differs.
-        away = abs(self.sim_time - self.final_time)
-        complete = away <= _ROUNDING * max(1.0, self.final_time)
-        return self.finished and complete and self.recorder_tick >= self.final_tick
+        return self.end is not None and self.recorder_tick >= self.end.tick
 
 
 class Watch:
@@ -112,8 +125,8 @@ class Watch:
                     self._progress.pids = {p.name: p.pid for p in self._processes}
                     self._stopped = bool(self._on_progress(self._progress))
                 for namespace, graph in self._graphs.items():
-                    if graph.text:
-                        self._report(namespace, graph.text)
+                    if graph.end:
+                        self._report(namespace, graph.end.text)
         except KeyboardInterrupt:
             self.outcome.interrupted = True
             self.outcome.text = "interrupted"
@@ -153,7 +166,7 @@ class Watch:
         graph = min(self._graphs.values(), key=lambda g: g.sim_time)
         return (
             f"nothing moved for {STALL_TIMEOUT:.0f} s at {graph.sim_time:.3f} s; "
-            f"last tick {graph.final_tick if graph.finished else 'not reached'}, "
+            f"last tick {graph.ends[-1].tick if graph.ends else 'not reached'}, "
             f"recorder at tick {graph.recorder_tick}"
         )
 
@@ -171,9 +184,8 @@ class Watch:
         elif event.kind == "fall":
             self.outcome.fallen = True
         elif event.kind == "finished":
-            graph.finished, graph.final_tick = True, event.tick
-            graph.final_time = event.stamp.sec + event.stamp.nanosec / 1e9
-            graph.text = event.text
+            time_s = event.stamp.sec + event.stamp.nanosec / 1e9
+            graph.ends.append(_End(event.tick, time_s, event.text))
         elif event.kind in _REPORTED:
             self._report(namespace, f"{event.kind}: {event.text}")
 
