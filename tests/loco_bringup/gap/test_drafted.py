@@ -4,8 +4,10 @@
 from __future__ import annotations
 
 import json
+import os
 import re
 import shutil
+import time
 from pathlib import Path
 
 import numpy as np
@@ -39,8 +41,9 @@ def search(monkeypatch, tmp_path, capsys):
     shutil.copy(robots.load("servo_pendulum").folder / "servo_pendulum.urdf", "my.urdf")
 
     def call(*words):
+        robot = [] if "--robot" in words else ["--robot", "my.urdf"]
         with pytest.raises(SystemExit) as end:
-            cli.main(["gap", *map(str, words), "--robot", "my.urdf", "--out", "out"])
+            cli.main(["gap", *map(str, words), *robot, "--out", "out"])
         said = capsys.readouterr()
         return end.value.code, " ".join((said.out + said.err).split()), asked
 
@@ -84,8 +87,35 @@ def test_a_log_without_commands_is_moved_by_its_torques(search, tmp_path):
     code, said, asked = search("my.csv")
     assert code == 0 and "pivot_torque is command_torque of pivot" in said
     values = read_yaml(tmp_path / "out/drafts/robot/robot.yaml")
-    assert values["drives"] == {"pivot": {"kind": "torque"}} and values["guessed"] == ["control_rate"]
+    assert values["drives"] == {"pivot": {"kind": "torque"}} and values["guessed"] == [
+        "control_rate"
+    ]
     assert asked["fit"][0].command["torque"][:, 0] == pytest.approx(np.cos(3.0 * T), abs=1e-6)
+
+
+def test_a_draft_that_failed_leaves_no_robot_for_the_next_one(search, tmp_path):
+    table("my.csv", a=T, b=T)
+    assert search("my.csv")[0] == 2
+    assert not list((tmp_path / "out").rglob("robot.yaml"))
+    table("my.csv", pivot_pos=0.4 * np.sin(3.0 * T), pivot_torque=np.cos(3.0 * T))
+    code, said, asked = search("my.csv")
+    assert code == 0, said
+    assert type(asked["model"].make_robot().drives["pivot"]).__name__ == "TorqueDrive"
+
+
+def test_a_draft_of_another_or_an_older_description_is_not_used_in_silence(search, tmp_path):
+    table("my.csv", pivot_pos=0.4 * np.sin(3.0 * T), pivot_torque=np.cos(3.0 * T))
+    code, said, _ = search("my.csv")
+    assert code == 0 and "was changed after" not in said
+    now = time.time() + 10.0
+    os.utime("my.urdf", (now, now))
+    code, said, _ = search("my.csv")
+    assert code == 0 and "my.urdf was changed after the draft out/drafts/robot/my.urdf" in said
+    shutil.copy("my.urdf", "other.urdf")
+    code, said, _ = search("my.csv", "--robot", "other.urdf")
+    assert code == 2 and "was drafted from my.urdf, not from other.urdf" in said
+    shutil.rmtree(re.search(r"remove (\S+)", said)[1])
+    assert search("my.csv", "--robot", "other.urdf")[0] == 0
 
 
 @pytest.mark.parametrize("word", ["torque", "cmd"])

@@ -77,6 +77,28 @@ def test_turns_are_no_degrees_where_the_velocity_can_tell():
     assert [c.unit for c in rules.columns] == ["", ""]
 
 
+@pytest.mark.parametrize(
+    ("joints", "names", "expected"),
+    [
+        (("a_joint", "b_joint"), ["q1", "q2", "tau1", "tau2"], ["a_joint", "b_joint"]),
+        (("a_joint", "b_joint"), ["q_0", "q_1", "q_cmd_0", "q_cmd_1"], ["a_joint", "b_joint"]),
+        (("joint_2", "joint_1"), ["q1", "q2", "qd1_des", "qd2_des"], ["joint_1", "joint_2"]),
+        (("lwr_joint1", "lwr_joint2"), ["q0", "q1", "dq0", "dq1"], ["lwr_joint1", "lwr_joint2"]),
+        (("hip", "knee"), ["pos.2", "pos.3"], []),  # not counted from 0 or 1
+        (("hip", "knee"), ["imu_q1", "imu_q2"], []),  # of something else
+        (("hip", "knee"), ["q1_2", "q2_2"], []),
+    ],
+)  # fmt: skip
+def test_numbers_in_names_are_those_of_joints_or_their_order(joints, names, expected):
+    columns = dict.fromkeys(names, WAVE)
+    if not expected:
+        with pytest.raises(ParameterError, match="no name says"):
+            draft.of_table({"t": T, **columns}, joints)
+        return
+    rules = mapping.loads(draft.of_table({"t": T, **columns}, joints))
+    assert [c.place for c in rules.columns] == 2 * expected
+
+
 def test_numbered_columns_go_by_the_order_of_the_joints_and_say_so():
     names = ["time", *(f"{n}[{i}]" for n in ("dof_pos", "des_dof_pos") for i in range(2))]
     text, rules = drafted(names, ("hip", "knee"))

@@ -3,14 +3,16 @@
 
 from __future__ import annotations
 
+import contextlib
 import re
+import shutil
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
 import yaml
 
-from loco_control.exceptions import BagError, MissingFileError, ParameterError
+from loco_control.exceptions import BagError, LocoError, MissingFileError, ParameterError
 from loco_control.files import write_whole
 from loco_control.reading import understood
 from loco_learning.gap.recordings import align, importing, mapping, tables, tracks
@@ -18,6 +20,7 @@ from loco_learning.gap.recordings.mapping import Mapping
 from loco_learning.gap.recordings.record import Doubt, Record
 from loco_learning.gap.recordings.tracks import Track
 from loco_sim import lazy
+from loco_sim.foreign.read import stem
 from loco_sim.plant import model as models
 from loco_sim.robot import robot as robots
 from loco_sim.robot.robot import Robot
@@ -37,7 +40,7 @@ FORMATS = (".urdf", ".xacro", ".xml")  # descriptions of a robot without drives
 
 
 def drafted(
-    robot: str, bags: Sequence[str], given: str, folder: Path
+    robot: str, bags: Sequence[str], mapping_file: str, folder: Path
 ) -> tuple[str, str, tuple[str, ...]]:
     """Robot and mapping of a search; those that the user has not written are drafted.
 
@@ -46,37 +49,76 @@ def drafted(
     Args:
         robot: Robot, ``robot.yaml`` or ``model.yaml``; a URDF, xacro or MJCF gets a draft.
         bags: Recordings. Tables of which none has a mapping get a draft.
-        given: Path of a mapping; empty for none.
+        mapping_file: Path of a mapping; empty for none.
         folder: Folder of the results.
 
     Returns:
         Robot, mapping (empty for none), and a sentence on each draft.
 
     Raises:
-        LocoError: A draft cannot be made.
+        LocoError: A draft cannot be made; no new draft of a robot remains.
     """
-    source, own, notes = Path(robot), folder / ROBOT, []
+    draft_file = folder / ROBOT
+    is_new = Path(robot).suffix in FORMATS and not draft_file.is_file()
+    try:
+        return _drafted(robot, bags, mapping_file, folder, is_new)
+    except LocoError:
+        if is_new:  # it does not fit the log yet, and would be taken for one that was corrected
+            shutil.rmtree(draft_file.parent, ignore_errors=True)
+            with contextlib.suppress(OSError):  # they hold something, or are not there
+                draft_file.parent.parent.rmdir()
+                folder.rmdir()
+        raise
+
+
+def _drafted(
+    robot: str, bags: Sequence[str], mapping_file: str, folder: Path, is_new: bool
+) -> tuple[str, str, tuple[str, ...]]:
+    source, draft_file, notes = Path(robot), folder / ROBOT, []
     is_drafted = source.suffix in FORMATS
-    fresh = is_drafted and not own.is_file()
-    if fresh:
-        _new_robot.tried(source, own.parent)
-    robot = str(own.parent) if is_drafted else robot
-    if not given and all(_is_undescribed(Path(path)) for path in bags):
-        given = str(folder / MAPPING)
-        if not Path(given).exists():
+    if is_new:
+        _new_robot.tried(source, draft_file.parent)
+    elif is_drafted:
+        notes += _outdated(source, draft_file)
+    robot = str(draft_file.parent) if is_drafted else robot
+    if not mapping_file and all(_is_undescribed(Path(path)) for path in bags):
+        mapping_file = str(folder / MAPPING)
+        if not Path(mapping_file).exists():
             text = draft(bags[0], models.load_any(robot).make_robot().joints)
-            write_whole(Path(given), text)
+            write_whole(Path(mapping_file), text)
         what = "; ".join(
             f"{c.column} is {c.role} of {c.place}" + f" [{c.unit}]" * bool(c.unit)
-            for c in mapping.load(given).columns
+            for c in mapping.load(mapping_file).columns
         )
-        notes.append(Doubt(f"{given} is a draft, to be corrected: {what}"))
-    if fresh and given:
-        write_whole(own, _fitting(own.read_text(encoding="utf-8"), mapping.load(given), robot))
+        notes.append(Doubt(f"{mapping_file} is a draft, to be corrected: {what}"))
+    if is_new and mapping_file:
+        write_whole(
+            draft_file,
+            _fitting(draft_file.read_text(encoding="utf-8"), mapping.load(mapping_file), robot),
+        )
     if is_drafted:
-        keys = re.findall(r"^(\w+):.*# guessed", own.read_text(encoding="utf-8"), re.M)
-        notes.append(Doubt(f"{own} is a draft, to be corrected; guessed: {', '.join(keys)}"))
-    return robot, given, tuple(notes)
+        keys = re.findall(r"^(\w+):.*# guessed", draft_file.read_text(encoding="utf-8"), re.M)
+        notes.append(Doubt(f"{draft_file} is a draft, to be corrected; guessed: {', '.join(keys)}"))
+    return robot, mapping_file, tuple(notes)
+
+
+def _outdated(source: Path, draft_file: Path) -> list[Doubt]:
+    """Note that a description is newer than its draft.
+
+    Raises:
+        ParameterError: The draft was made from another description.
+    """
+    match = re.search(r"^urdf: (\S+)$", draft_file.read_text(encoding="utf-8"), re.M)
+    used = draft_file.parent / (match[1] if match else source.name)
+    if stem(used) != stem(source):
+        raise ParameterError(
+            f"{draft_file} was drafted from {used.name}, not from {source.name}: "
+            f"name another --out, or remove {draft_file.parent}"
+        )
+    if not used.is_file() or source.stat().st_mtime <= used.stat().st_mtime:
+        return []
+    again = f"remove {draft_file.parent} for a new draft"
+    return [Doubt(f"{source} was changed after the draft {used}, which is used: {again}")]
 
 
 def _fitting(text: str, rules: Mapping, robot: str) -> str:

@@ -60,8 +60,8 @@ class _Graph:
         Other processes may announce ends, too.
         """
         t = self.sim_time
-        near = (e for e in self.ends if abs(e.time - t) <= _ROUNDING * max(1.0, t))
-        return next(near, None)
+        confirmed = (e for e in self.ends if abs(e.time - t) <= _ROUNDING * max(1.0, t))
+        return next(confirmed, None)
 
     @property
     def done(self) -> bool:

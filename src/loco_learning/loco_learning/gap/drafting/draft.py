@@ -68,7 +68,8 @@ def of_table(
     time, head = _time(columns)
     others = {name: values for name, values in columns.items() if name != time}
     speed = any(words.guess(name, joints).role == "dq" for name in others)
-    lines = [x for name, y in others.items() for x in _column(name, y, joints, speed)]
+    numbered = words.numbered(list(others), joints)
+    lines = [x for name, y in others.items() for x in _column(name, y, joints, numbered, speed)]
     return written(lines, list(others), joints, file, head)
 
 
@@ -122,14 +123,19 @@ def missing(found: Mapping[tuple[str, str], Line], joints: Sequence[str]) -> lis
     return absent + [f"a command of {joint}" for joint in required if joint not in commanded]
 
 
-def _column(name: str, values: np.ndarray, joints: Sequence[str], speed: bool) -> list[Line]:
+def _column(
+    name: str,
+    values: np.ndarray,
+    joints: Sequence[str],
+    numbered: Mapping[int, str],
+    speed: bool,
+) -> list[Line]:
     guess = words.guess(name, joints)
     joint, comment = guess.joint, guess.why
-    _, bracket, number = name.rstrip("]").partition("[")
-    if not joint and bracket and number.isdigit():
-        row = int(number)
-        joint = joints[row] if row < len(joints) else "" if joints else f"joint_{row}"
-        comment += f", number {row} of the joints: in this order?"
+    number = words.number(name, joints)
+    if not joint and number is not None:
+        joint = numbered.get(number, "")
+        comment += f", number {number} of the joints: in this order?"
     if not joint and len(joints) == 1:
         joint, comment = joints[0], f"{comment}, the only joint"
     if not guess.role or not joint:

@@ -11,7 +11,9 @@ COMMANDS = frozenset(
     "cmd cmds command commands commanded target targets goal goals desired des ref reference "
     "setpoint setpoints sp action actions demand demanded".split()
 )
-MEASURED = frozenset("meas measured actual act state states feedback fb present observation".split())
+MEASURED = frozenset(
+    "meas measured actual act state states feedback fb present observation".split()
+)
 QUANTITIES = {
     "position": "pos position positions angle angles q theta phi encoder enc",
     "velocity": "vel velocity velocities dq qd qdot speed speeds omega",
@@ -83,6 +85,36 @@ def joint_in(name: str, joints: Sequence[str]) -> str:
     tokens = words(name)
     fitting = [j for j in joints if words(j) and _contains(tokens, words(j))]
     return max(fitting, key=lambda joint: len(words(joint)), default="")
+
+
+def number(name: str, joints: Sequence[str] = ()) -> int | None:
+    """Number of a joint in a name such as q1, dq_2 or effort[3]; None if it has another word."""
+    tokens = words(name)
+    digits = [token for token in tokens if token.isdigit()]
+    known = {*COMMANDS, *MEASURED, *UNITS, *NOISE, *_OF_WORD, *digits}
+    known |= {token for joint in joints for token in words(joint)}
+    return int(digits[0]) if len(digits) == 1 and known.issuperset(tokens) else None
+
+
+def numbered(names: Sequence[str], joints: Sequence[str]) -> dict[int, str]:
+    """Joint of each number in the names of columns.
+
+    It is the joint with this number in its name if there is one for each number; else the joints
+    are counted in their order, from 0 or from 1. Without joints, they are named by the numbers.
+
+    Args:
+        names: Names of all columns.
+        joints: Joint names of the robot; empty if the robot is not known.
+    """
+    numbers = {i for name in names if guess(name, joints).role
+             if (i := number(name, joints)) is not None}  # fmt: skip
+    if not joints:
+        return {i: f"joint_{i}" for i in numbers}
+    last = {int(token): j for j in joints for token in words(j)[-1:] if token.isdigit()}
+    if len(last) == len(joints) and numbers <= set(last):
+        return last
+    first = min(numbers, default=0)
+    return dict(enumerate(joints, first)) if first in (0, 1) else {}
 
 
 def time_unit(name: str) -> str | None:
