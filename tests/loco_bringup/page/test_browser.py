@@ -38,6 +38,7 @@ from loco_learning.runs.experiment import load
 from loco_learning.runs.rollout import rollout
 from loco_learning.study import study as studies
 from loco_learning.thesis import registry
+from loco_learning.thesis.evidence import Entry
 from loco_learning.thesis.registry import Verdict
 from loco_sim.plant.model import Model
 from loco_workshop.battery import page as battery_page
@@ -178,14 +179,13 @@ def battery():
 
 
 def reproduction():
-    verdicts = [
-        Verdict("7.1", "figure 7.1", "says", "wanted", "found", word, ("map",), "why not")
-        for word in (registry.AGREES, registry.DISAGREES, registry.OPEN)
-    ]
+    claim = next(claim for claim in registry.claims() if claim.number == "7.1")
+    verdicts = [Verdict(claim, "found", word, "why") for word in registry.VERDICTS]
     chart = heat.cells(np.arange(12.0).reshape(3, 4), "W", name="power")
     axes = (Axis(f"{name} [-]", names=list("abcd")[:n]) for name, n in (("x", 4), ("y", 3)))
-    drawn = [("Figure 7.1", "A map.", Chart([Frame(*axes, chart)]))]
-    return reproduction_page.page("Claims", "loco x", verdicts, drawn, {"map": "map/study.html"})
+    drawn = [reproduction_page.Drawn("a.png", "Figure 7.1", "A map.", Chart([Frame(*axes, chart)]))]
+    entries = {"map": Entry("map", "hyq_map", "mujoco")}
+    return reproduction_page.page("Claims", "loco x", verdicts, drawn, entries, Path("nowhere"))
 
 
 def checked():

@@ -83,7 +83,7 @@ def test_every_metric_has_a_row_with_the_value_of_each_phase(text, log):
         "MetrictrainclosingtestUnitEquation"
     )
     # Nobody asked for a speed, and a bag of joints has no forces and no wall-clock times.
-    lacking = {"speed_ratio", "grf_max", "grf_snr", "duty_factor", "step_time"}
+    lacking = {"speed_ratio", "grf_max", "grf_snr", "duty_factor", "step_length", "step_time"}
     assert len(rows) == 1 + len(METRICS) - len(lacking)
     assert all("<small>" in row for row in rows[1:])
 

@@ -3,6 +3,7 @@
 
 import csv
 import dataclasses
+import json
 
 import pytest
 
@@ -37,13 +38,14 @@ def test_mistakes_are_one_line(arguments, text, capsys):
 def test_verdicts_are_printed_and_the_page_is_written(tmp_path, monkeypatch, capsys):
     quick = dataclasses.replace(
         msd_jobs.PLANS["quick"], nodes=(5,), repetitions=1, budget=(0, 10), omega_nodes=(),
-        powers=(), loop_repetitions=0, regularisations=(), noises=(),
+        powers=(), loop_repetitions=0, disturbed=(0, 0), noises=(),
     )  # fmt: skip
     monkeypatch.setitem(msd_jobs.PLANS, "quick", quick)
     assert call("msd", "--quick", "--workers", "1", "--out", str(tmp_path)) == 0
     text = capsys.readouterr().out
-    assert "6.5  agrees" in text
-    assert "not decided" in text
+    assert "6.5  holds by construction: The resonance of one node" in text
+    assert "6.1  open: The score falls" in text and "found: rho" in text
+    assert "It is the solution of the model's equation" in text
     assert (tmp_path / "README.md").is_file()
     assert "Figure 6.1" in (tmp_path / "thesis.html").read_text()
     assert (tmp_path / "runs" / "nodes_5_0.npz").is_file()
@@ -54,12 +56,16 @@ def test_claims_are_judged_from_what_ran_and_the_rest_is_open(tmp_path, monkeypa
     monkeypatch.setattr(evidence, "plan", lambda name: entries)
     assert call("clock", "--quick", "--workers", "1", "--out", str(tmp_path)) == 0
     out = capsys.readouterr().out
-    assert "5 not decided" in out and "chapter8 is not in this plan" in out
+    assert "6 open" in out and "chapter8 is not in this plan" in out
     rows = {row["claim"]: row for row in csv.DictReader(open(tmp_path / "verdicts.csv"))}
-    assert len(rows) == 6 and rows["8.6"]["verdict"] != "not decided"
-    assert "clock slip" in rows["8.6"]["found"]
+    assert len(rows) == 6
+    assert "1 of 6 runs" in rows["8.6"]["reason"] and "clock slip" in rows["8.6"]["found"]
+    assert rows["8.6"]["engine"] == entries["clock"].engine
+    assert rows["8.4"]["rule of"] == "2026-11-28, numbers seen"
+    numbers = json.loads((tmp_path / "numbers.json").read_text())
+    assert len(numbers["8.6"]["clock_slip"]) == 1 and numbers["8.1"] == {}
     page = (tmp_path / "README.md").read_text()
-    assert "| 8.6 |" in page and "[clock](clock/study.html)" in page
+    assert "| 8.6 |" in page and "[clock](clock/study.html)" in page and "## Open" in page
     page = (tmp_path / "thesis.html").read_text()
     assert '<a href="clock/study.html">clock</a>' in page and "Figure" not in page
 

@@ -49,9 +49,10 @@ def test_every_metric_is_documented_and_finite_on_a_gait(table, name):
 
 def test_what_a_log_lacks_is_absent_and_the_rest_is_as_before(short_log, table):
     lacking = {
-        "grf": {"grf_max", "grf_snr"},
+        "grf": {"grf_max", "grf_snr", "step_length"},
         "position": {"distance", "speed", "forward_speed", "speed_ratio", "lateral_drift",
-                     "stability", "cost_of_transport", "saturated_score"},
+                     "stability", "cost_of_transport", "positive_cost_of_transport",
+                     "step_length", "saturated_score"},
         "reflex_time": {"step_time"},
     }  # fmt: skip
     for column, names in lacking.items():
@@ -73,14 +74,19 @@ def test_the_numbers_are_those_of_a_trot(table):
     train = table["train"]
     assert train["stability"] < 0.05
     assert 0.07 < train["step_height"] < 0.14
-    assert 0.05 < train["step_length"] < 0.12
+    assert 0.05 < train["foot_travel"] < 0.12
+    assert train["step_length"] == pytest.approx(train["speed"] / train["stride_frequency"])
     assert 0.4 < train["duty_factor"] < 0.65
     assert 400.0 < train["grf_max"] < 3000.0
     assert 0.0 < train["power"] < train["positive_power"] < 500.0
     assert train["cost_of_transport"] == pytest.approx(
         train["power"] / (84.76 * 9.81 * train["speed"])
     )
+    assert train["positive_cost_of_transport"] == pytest.approx(
+        train["positive_power"] / (84.76 * 9.81 * train["forward_speed"])
+    )
     assert train["accuracy"] == pytest.approx(1.0 / train["nrmse"])
+    assert train["accuracy_author"] == pytest.approx(1.0 / train["nrmse_author"])
     assert train["mawe"] <= train["mae"] + 1e-12
     assert train["limit_cycle_size"] == pytest.approx(1.0, abs=0.1)
 
@@ -220,7 +226,8 @@ def test_the_numbers_follow_their_equations():
     row = metrics.table(made())["test"]
     assert row["stability"] == pytest.approx(0.02, rel=1e-3)
     assert row["power"] == pytest.approx(4 * 2.0 * 0.5)
-    assert row["cost_of_transport"] == pytest.approx(4.0 / (0.95 * 9.81 * 0.1), rel=0.01)
+    for name in ("cost_of_transport", "positive_cost_of_transport"):
+        assert row[name] == pytest.approx(4.0 / (0.95 * 9.81 * 0.1), rel=0.01)
     assert row["passive_range"] == pytest.approx(0.6, rel=1e-3)
     assert row["stride_frequency"] == pytest.approx(1.0, rel=1e-3)
     assert row["tracking_error"] == 0.0

@@ -41,12 +41,13 @@ class Other(Evidence):
         return self._result
 
 
-def curve(opened=None, **closed):
-    """Cases over stiffness; the open loop is 1 everywhere, or as given."""
+def curve(opened=None, seed=0, **closed):
+    """Cases over stiffness of one seed; the open loop is 1 everywhere, or as given."""
     count = len(next(iter({**closed, **(opened or {})}.values())))
     names = {*closed, *(opened or {})}
     return [
         case(
+            seed=seed,
             at={"kp": kp},
             train={name: (opened or {}).get(name, np.ones(count))[i] for name in names},
             test={name: closed.get(name, np.ones(count))[i] for name in names},

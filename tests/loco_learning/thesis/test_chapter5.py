@@ -41,13 +41,14 @@ def recording(name, lag_after=0.1, fall_before="", before=6.0, after=2.0, **curv
 
 def test_a_search_converges_where_its_error_stops_falling():
     found = MEASURES["calibration_converges"](Other(searches([0.4, 0.6], reached=5)))
-    assert found["plateau_generation"] == 5.0
-    assert found["final_over_initial"] == pytest.approx(0.15)  # of the worst search
-    assert found["spread_over_initial"] == pytest.approx(0.025)
+    assert found["plateau_generation"].tolist() == [5.0, 5.0]
+    assert found["final_over_initial"] == pytest.approx([0.1, 0.15])
+    assert found["distance_from_median"] == pytest.approx([0.025, 0.025])
 
 
-def test_the_ratio_is_that_of_the_best_search():
-    assert MEASURES["calibration_ratio"](Other(searches([2.0, 0.5])))["ratio"] == 8.0
+def test_the_ratio_is_that_of_each_search():
+    found = MEASURES["calibration_ratio"](Other(searches([2.0, 0.5])))
+    assert found["ratio"].tolist() == [2.0, 8.0]
 
 
 def test_the_body_is_told_beside_its_default():
@@ -98,19 +99,26 @@ def test_a_walk_tells_its_lag_and_whether_the_default_falls(fall, falls):
     assert found == pytest.approx({"ratio": 3.0, "lag_ms": 30.0, "default_falls": falls})
 
 
-def test_the_shorter_way_of_two_gaits_counts():
+def test_each_run_of_two_gaits_counts():
+    runs = (("bound", 3.0, ""), ("bound", 2.0, ""), ("walk", 1.0, "pitch"))
     cases = [
         case(variant, verdict={"fall": fall}, **{"open loop": {"distance": distance}})
-        for variant, distance, fall in (("bound", 3.0, ""), ("walk", 1.0, "pitch"))
+        for variant, distance, fall in runs
     ]
-    assert MEASURES["gaits_travel"](Given(gaits=cases)) == {"least_distance": 1.0, "falls": 1.0}
+    found = MEASURES["gaits_travel"](Given(gaits=cases))
+    assert {name: values.tolist() for name, values in found.items()} == {
+        "bound_distance": [3.0, 2.0], "bound_fell": [0.0, 0.0], "walk_distance": [1.0],
+        "walk_fell": [1.0],
+    }  # fmt: skip
 
 
-def test_falls_that_coincide_are_counted():
+def test_falls_that_coincide_are_told_for_each_actuation():
     fell = {"robot": [0, 1, 1, 0], "calibrated": [0, 1, 0, 0], "default": [1, 1, 0, 0]}
     cases = [
         case(variant, verdict={"fall": "x" if f else ""}) for variant, row in fell.items()
         for f in row
     ]  # fmt: skip
     found = MEASURES["falls_coincide"](Given(amplitudes=cases))
-    assert found == {"agree": 0.75, "default_agrees": 0.5, "robot_falls": 0.5}
+    assert found["agree"].tolist() == [1.0, 1.0, 0.0, 1.0]
+    assert found["default_agrees"].tolist() == [0.0, 1.0, 0.0, 1.0]
+    assert found["robot_falls"].tolist() == fell["robot"]

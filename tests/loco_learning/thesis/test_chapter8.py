@@ -28,9 +28,12 @@ def given(*trials, name="chapter8"):
 
 def test_trials_without_a_clock_are_counted():
     trials = given(trial("pse"), trial("rse", False, "roll"), trial("rse", False, slip=3.0))
-    assert MEASURES["clock_keeps_the_gait"](trials) == {"survived": 1.0, "trials": 1.0}
-    assert MEASURES["no_clock_fails"](trials) == {"failed": 1.0, "fell": 0.5}
-    assert MEASURES["phase_drifts"](trials)["rse_slip"] == 1.5
+    assert MEASURES["clock_keeps_the_gait"](trials)["survived"].tolist() == [1.0]
+    found = MEASURES["no_clock_fails"](trials)
+    assert (found["failed"].tolist(), found["fell"].tolist()) == ([1.0, 1.0], [1.0, 0.0])
+    found = MEASURES["phase_drifts"](trials)
+    assert found["rse_slip"].tolist() == [0.0, 3.0]
+    assert found["rse_frequency"] == pytest.approx([1.6 / 1.7, 1.6 / 1.7])
 
 
 @pytest.mark.parametrize(
@@ -45,24 +48,29 @@ def test_trials_without_a_clock_are_counted():
 def test_an_error_is_early_between_learning_and_the_delay(moment, early):
     trials = given(trial("pse", nrmse=0.2), trial("rse", error_at=moment, nrmse=0.7))
     found = MEASURES["error_overshoots"](trials)
-    assert found == {"pse_nrmse": 0.2, "rse_nrmse": 0.7, "rse_early": early}
+    assert {name: values.tolist() for name, values in found.items()} == {
+        "pse_nrmse": [0.2], "rse_nrmse": [0.7], "rse_early": [early]
+    }  # fmt: skip
 
 
-def test_the_worst_trial_of_each_kind_tells_how_far_strides_shrink():
+def test_each_trial_tells_how_far_strides_shrink():
     trials = given(
         trial("pse", amplitude=0.9), trial("pse", amplitude=0.8), trial("rse", amplitude=0.3),
         trial("rse", amplitude=0.6),
     )  # fmt: skip
     found = MEASURES["amplitude_decays"](trials)
-    assert found == {"rse_amplitude": 0.3, "pse_amplitude": 0.8}
+    assert found["rse_amplitude"].tolist() == [0.3, 0.6]
+    assert found["pse_amplitude"].tolist() == [0.9, 0.8]
 
 
-def test_a_clock_is_judged_by_its_worst_trial_and_its_absence_by_the_middle_one():
+def test_a_clock_is_told_beside_its_absence():
     trials = given(
         trial("pse", slip=0.1, nrmse=0.02), trial("pse", slip=0.2, nrmse=0.01),
         *(trial("rse", slip=slip, nrmse=slip / 10.0) for slip in (1.0, 2.0, 9.0)),
         name="clock",
     )  # fmt: skip
-    assert MEASURES["clock_ablation"](trials) == pytest.approx(
-        {"clock_slip": 0.2, "no_clock_slip": 2.0, "clock_nrmse": 0.02, "no_clock_nrmse": 0.2}
-    )
+    found = MEASURES["clock_ablation"](trials)
+    assert found["clock_slip"].tolist() == [0.1, 0.2]
+    assert found["no_clock_slip"].tolist() == [1.0, 2.0, 9.0]
+    assert found["clock_nrmse"].tolist() == [0.02, 0.01]
+    assert found["no_clock_nrmse"] == pytest.approx([0.1, 0.2, 0.9])

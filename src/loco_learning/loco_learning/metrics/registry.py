@@ -7,8 +7,8 @@ not defined in it. The arithmetic is in `signals`.
 
 Three definitions depend on the actuation of the robot: strides are counted by the gait clock if
 there is one, otherwise by the frequency of the oscillators; the forward direction is the x axis
-of the world for a robot whose trunk controller holds its heading, otherwise its own heading; a
-servo does not recover negative work, a hydraulic drive does.
+of the world for a robot whose trunk controller holds its heading, otherwise its own heading; the
+score of eq. (3.32) counts the positive power of a servo, which does not recover negative work.
 """
 
 from __future__ import annotations
@@ -177,23 +177,24 @@ def positive_power(log: Log) -> float:
     return signals.positive_power(*quantities.drives(log))
 
 
-def _energy(log: Log) -> tuple[float, float, float]:
-    """Power [W], forward speed [m/s] and mass [kg] for the efficiency metrics."""
-    if quantities.walks(log):
-        return power(log), speed(log), quantities.mass(log)
-    return positive_power(log), forward_speed(log), quantities.mass(log)
-
-
 @metric("-", "3.31", *POSE, "dq", "tau", applies=quantities.moves, min_change=0.01)
 def cost_of_transport(log: Log) -> float:
-    """P / (m g V), lower is better; of servos P is the positive power. The thesis inverts it."""
-    return signals.cost_of_transport(*_energy(log))
+    """P / (m g V) with the net power and the speed; lower is better. The thesis inverts it."""
+    return signals.cost_of_transport(power(log), speed(log), quantities.mass(log))
+
+
+@metric("-", "ours", *POSE, "dq", "tau", applies=quantities.moves, min_change=0.01)
+def positive_cost_of_transport(log: Log) -> float:
+    """P / (m g V) with positive power and forward speed, for servos and robots that turn."""
+    return signals.cost_of_transport(positive_power(log), forward_speed(log), quantities.mass(log))
 
 
 @metric("m/(s·kg)", "3.32", *POSE, "dq", "tau", applies=quantities.moves, min_change=1e-4)
 def saturated_score(log: Log) -> float:
-    """V / m tanh(P_ref / P) with P_ref = 100 W, higher is better."""
-    return signals.saturated_score(*_energy(log), REFERENCE_POWER)
+    """V / m tanh(P_ref / P) with P_ref = 100 W, higher is better; of servos with positive power."""
+    walks = quantities.walks(log)
+    watts, velocity = (power, speed) if walks else (positive_power, forward_speed)
+    return signals.saturated_score(watts(log), velocity(log), quantities.mass(log), REFERENCE_POWER)
 
 
 @metric("N·m", "ours", "tau", min_change=0.005)
@@ -220,8 +221,14 @@ def duty_factor(log: Log) -> float:
     return float(np.mean(log.contact))
 
 
-@metric("m", "3.6.2.6", "q", applies=quantities.has_feet, min_change=0.002)
+@metric("m", "ours", *POSE, "grf", applies=quantities.has_feet, min_change=0.002)
 def step_length(log: Log) -> float:
+    """Distance over steps, by the stride frequency of the forces, as in the author's code."""
+    return speed(log) / signals.stride_frequency(log.grf[..., 2], log.dt)
+
+
+@metric("m", "3.6.2.6", "q", applies=quantities.has_feet, min_change=0.002)
+def foot_travel(log: Log) -> float:
     """Range of the measured foot position along x in the base frame, mean over feet."""
     return float(np.mean(np.ptp(quantities.feet(log)[..., 0], axis=0)))
 
@@ -269,9 +276,9 @@ def mae(log: Log) -> float:
     return signals.mae(*quantities.target_and_prediction(log))
 
 
-@metric("-", "3.36", "prediction", learner=True, min_change=0.005, share=0.1)
+@metric("-", "ours", "prediction", learner=True, min_change=0.005, share=0.1)
 def nrmse(log: Log) -> float:
-    """Rms error of the predicted positions over the mean range of their targets."""
+    """Rms error of the predicted positions over the mean range of their targets, not as (3.36)."""
     return signals.nrmse(*quantities.target_and_prediction(log))
 
 
@@ -281,7 +288,7 @@ def nrmse_author(log: Log) -> float:
     return signals.nrmse_global(quantities.outputs_wanted(log), log.prediction)
 
 
-@metric("-", "3.36", "prediction", learner=True, min_change=0.005, share=0.1)
+@metric("-", "ours", "prediction", learner=True, min_change=0.005, share=0.1)
 def shape_error(log: Log) -> float:
     """NRMSE per stride, each at its best time shift: the shape of the gait without its timing."""
     target, prediction = quantities.target_and_prediction(log)
@@ -294,10 +301,17 @@ def shape_error(log: Log) -> float:
     return float(np.sqrt(np.mean(errors)) / width) if errors else float("nan")
 
 
-@metric("-", "3.37", "prediction", learner=True, min_change=0.1, share=0.1)
+@metric("-", "ours", "prediction", learner=True, min_change=0.1, share=0.1)
 def accuracy(log: Log) -> float:
-    """1 / NRMSE."""
+    """1 / NRMSE of `nrmse`."""
     return signals.accuracy(*quantities.target_and_prediction(log))
+
+
+@metric("-", "3.37", "prediction", learner=True, min_change=0.1, share=0.1)
+def accuracy_author(log: Log) -> float:
+    """1 / NRMSE of positions and velocities over their global range, as in the author's code."""
+    error = nrmse_author(log)
+    return 1.0 / error if error else float("inf")
 
 
 @metric("rad²", "3.38", "prediction", learner=True, min_change=1e-6, share=0.2)

@@ -112,7 +112,8 @@ def _frequencies(r: Results) -> Chart:
     lines += [line("one deviation", f, mean + by * deviation, BLUE, shape=DASHED) for by in (-1, 1)]
     top = float(np.max(mean + deviation))
     lines += [
-        line("-3 dB band", [limit, limit], [0.0, top], RED, shape=DASHED) for limit in band(r)
+        line("-3 dB band", [limit, limit], [0.0, top], RED, shape=DASHED)
+        for limit in band(np.array(f), mean)
     ]
     axes = Axis("frequency [Hz]", logarithmic=True), Axis("score without noise [-]")
     titles = "each size", "all sizes, and their band"
@@ -134,8 +135,9 @@ def _power(r: Results) -> Chart:
 
 @figure("6.7", "noise")
 def _noise(r: Results) -> Chart:
-    noise, distance = r.noise.arrays["noise"], r.noise.arrays["distance"]
-    at, top = knee(r.noise), float(np.max(distance))
+    sweep = r.noise[min(r.noise)]
+    noise, distance = sweep.arrays["noise"], sweep.arrays["distance"]
+    at, top = knee(sweep), float(np.max(distance))
     each = dots("runs", np.repeat(noise, distance.shape[1]), distance.ravel(), RED, size=2.0)
     layers = [each, line("mean", noise, distance.mean(axis=1), BLUE, size=1.8),
               line("knee", [at, at], [0.0, top], GREY, shape=DASHED)]  # fmt: skip

@@ -41,17 +41,18 @@ class Plan:
     """Numbers of jobs and their budgets; by default those of the plan ``quick``."""
 
     nodes: tuple[int, ...] = (3, 4, 5, 6, 8, 10, 12, 15, 20, 26)
-    repetitions: int = 3
+    repetitions: int = 5
+    disturbed: tuple[int, int] = (10, 1)  # gaits of 20 nodes with noise in their loop; draws of it
     budget: tuple[int, int] = (250, 1500)  # number of evaluations: per node, and constant
     omega_nodes: tuple[int, ...] = (5, 10, 15, 20)
     frequencies: tuple[float, ...] = tuple(float(f) for f in np.logspace(-0.7, 1.0, 10))  # [Hz]
-    omega_repetitions: int = 2
-    omega_evaluations: int = 2000
+    omega_repetitions: int = 5
+    omega_evaluations: int = 1000
     powers: tuple[float, ...] = (500.0, 2.5e3, 7.5e3, 1.5e4, 2e4)  # [W]
     power_frequencies: tuple[float, ...] = (1.0, 2.0, 3.0, 4.0)  # [Hz]
     power_repetitions: int = 1
     power_evaluations: int = 4000
-    loop_repetitions: int = 3
+    loop_repetitions: int = 5
     noises: tuple[float, ...] = _levels(25)
     regularisations: tuple[float, ...] = (1e-6, 1e-4, 1e-2, 1.0, 100.0, 1e4)
 
@@ -63,14 +64,15 @@ PLANS = {
     ),
     "full": Plan(
         nodes=tuple(range(3, 27)),
-        repetitions=5,
+        repetitions=10,
+        disturbed=(10, 10),
         budget=(1100, 3000),
         omega_repetitions=5,
         omega_evaluations=10000,
         powers=(100.0, 500.0, 1e3, 2.5e3, 5e3, 7.5e3, 1e4, 1.25e4, 1.5e4, 1.75e4, 2e4),
         power_repetitions=5,
         power_evaluations=15000,
-        loop_repetitions=5,
+        loop_repetitions=10,
         noises=_levels(75),
     ),
 }
@@ -108,7 +110,8 @@ def gait_jobs(p: Plan, preset: str) -> list[Job]:
     jobs = []
     for nodes in p.nodes:
         evaluations = p.budget[0] * nodes + p.budget[1]
-        for seed in range(p.repetitions):
+        more = p.disturbed[0] if nodes == biggest(p) else 0
+        for seed in range(max(p.repetitions, more)):
             t = task(preset, nodes=nodes, evaluations=evaluations, seed=seed)
             jobs.append(Job(f"nodes_{nodes}_{seed}", t))
     for nodes in p.omega_nodes:
@@ -130,6 +133,11 @@ def gait_jobs(p: Plan, preset: str) -> list[Job]:
     return jobs
 
 
+def biggest(p: Plan) -> int:
+    """Size of the networks whose loops are disturbed: 20 nodes, as in the thesis."""
+    return 20 if 20 in p.nodes else max(p.nodes)
+
+
 def later_jobs(p: Plan, preset: str) -> list[Job]:
     """Jobs that need the gaits of earlier jobs."""
     loop, jobs = LOOPS[preset], []
@@ -138,13 +146,16 @@ def later_jobs(p: Plan, preset: str) -> list[Job]:
         for seed in range(p.loop_repetitions):
             source = f"nodes_{nodes}_{seed}"
             jobs.append(Job(f"loop_{nodes}_{seed}", gaits[source].task, loop, source=source))
-    biggest = 20 if 20 in p.nodes else max(p.nodes)
-    source = f"nodes_{biggest}_0"
-    for k, alpha in enumerate(p.regularisations):
-        settings = loop.replace(regularisation=alpha, noise=0.01)
-        jobs.append(Job(f"alpha_{k}", gaits[source].task, settings, source=source))
-    if p.noises:
-        jobs.append(Job("noise", gaits[source].task, noises=p.noises, source=source))
+    gaits_of_biggest, draws = p.disturbed
+    for seed in range(gaits_of_biggest):
+        source = f"nodes_{biggest(p)}_{seed}"
+        for k, alpha in enumerate(p.regularisations):
+            for draw in range(draws):
+                settings = loop.replace(regularisation=alpha, noise=0.01, seed=draw)
+                name = f"alpha_{k}_{seed}_{draw}"
+                jobs.append(Job(name, gaits[source].task, settings, source=source))
+        if p.noises:
+            jobs.append(Job(f"noise_{seed}", gaits[source].task, noises=p.noises, source=source))
     return jobs
 
 
@@ -198,7 +209,7 @@ def _run(task: MsdTask, gait: Gait, seconds: float) -> tuple[np.ndarray, np.ndar
     return history.t, x - x[0]
 
 
-def _noise(job: Job, gait: Gait, repetitions: int = 3) -> Curves:
+def _noise(job: Job, gait: Gait, repetitions: int = 10) -> Curves:
     """Distance in 10 s with noise of each level, relative to the largest amplitude."""
     network, params = chain(job.task.params()), job.task.params()
     steps = round(10.0 / params.step)

@@ -1,19 +1,15 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Page and tables of chapter 6: verdicts with numbers, figures, and a table of all runs."""
+"""Figures of chapter 6 and a table of its searches."""
 
 from __future__ import annotations
 
 import csv
 from pathlib import Path
 
-from loco_control.files import write_whole
-from loco_sim.msd.params import PRESETS
-
 from ..drawing import png
 from ..drawing.chart import Chart
 from . import figures as msd_figures
-from .claims import Verdict, judge
-from .results import Results, author_power, load
+from .results import Results, author_power
 
 CAPTIONS = {
     "6.1": "Score of the best gait over the number of nodes",
@@ -29,45 +25,22 @@ CAPTIONS = {
 }
 
 
-def write(
-    name: str, preset: str, data: Path, folder: Path
-) -> tuple[str, list[Verdict], dict[str, Chart]]:
-    """Write README.md, figures and gaits.csv for the results of a plan.
+def write(results: Results, folder: Path) -> dict[str, Chart]:
+    """Write the figures and gaits.csv.
 
     Args:
-        name: Name of the plan.
-        preset: Name of the preset.
-        data: Folder of the runs.
+        results: Results of a plan.
         folder: Output folder.
 
     Returns:
-        Title, verdicts, and charts by their number in the thesis.
+        Charts by their number in the thesis.
     """
     folder.mkdir(parents=True, exist_ok=True)
-    results = load(name, preset, data)
-    verdicts = judge(results)
     drawn = msd_figures.charts(results)
     for number, chart in drawn.items():
         png.write(chart, folder / picture(number))
     _table(results, folder / "gaits.csv")
-    title = f"Chapter 6, preset {preset}, {name} plan"
-    lines = [
-        f"# {title}",
-        "",
-        f"{PRESETS[preset].about}. Made by `loco reproduce msd --plan {name}"
-        f" --preset {preset}`; every run with its seed is in [gaits.csv](gaits.csv).",
-        "",
-        "| claim | thesis | wanted | found | verdict |",
-        "| --- | --- | --- | --- | --- |",
-        *(f"| {v.claim} | {v.item} | {v.wanted} | {v.found} | **{v.verdict}** |" for v in verdicts),
-        "",
-    ]
-    for number, caption in CAPTIONS.items():
-        if number in drawn:
-            image = f"![{caption}]({picture(number)})"
-            lines += [f"## Figure {number}", "", f"{caption}.", "", image, ""]
-    write_whole(folder / "README.md", "\n".join(lines))
-    return title, verdicts, drawn
+    return drawn
 
 
 def picture(number: str) -> str:

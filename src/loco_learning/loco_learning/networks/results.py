@@ -27,8 +27,8 @@ class Results:
     omega: dict[tuple[int, int, int], MsdResult] = field(default_factory=dict)  # nodes, f, seed
     powers: dict[tuple[float, float, int], MsdResult] = field(default_factory=dict)  # W, Hz, seed
     loops: dict[tuple[int, int], Curves] = field(default_factory=dict)
-    alphas: dict[float, Curves] = field(default_factory=dict)
-    noise: Curves | None = None
+    alphas: dict[tuple[float, int, int], Curves] = field(default_factory=dict)  # gait, noise
+    noise: dict[int, Curves] = field(default_factory=dict)  # by gait
     frequencies: tuple[float, ...] = ()
     preset: str = "thesis"
 
@@ -73,9 +73,9 @@ def load(name: str, preset: str, folder: str | Path) -> Results:
         elif kind == "loop":
             out.loops[int(key[0]), int(key[1])] = result
         elif kind == "alpha":
-            out.alphas[job.loop.regularisation] = result
+            out.alphas[job.loop.regularisation, int(key[1]), int(key[2])] = result
         else:
-            out.noise = result
+            out.noise[int(key[0])] = result
     return out
 
 
@@ -98,18 +98,20 @@ def author_power(g: MsdResult) -> float:
     return float(driving_power(task, chain(task.params()), g.gait))
 
 
-def band(r: Results, level: float = 2.0**-0.5) -> tuple[float, float]:
-    """Frequencies between which the mean clean score exceeds `level` of its maximum [Hz]."""
-    f = np.array(r.frequencies)
-    mean = np.array(
-        [np.mean([g.clean for (_, j, _), g in r.omega.items() if j == k]) for k in range(len(f))]
-    )
-    above = np.flatnonzero(mean >= level * mean.max())
+def band(f: np.ndarray, score: np.ndarray, level: float = 2.0**-0.5) -> tuple[float, float]:
+    """Frequencies between which a score exceeds `level` of its maximum [Hz].
+
+    Args:
+        f: Frequencies, increasing [Hz], (n,).
+        score: Score at each, (n,).
+        level: Share of the maximum; -3 dB by default.
+    """
+    above = np.flatnonzero(score >= level * score.max())
 
     def edge(inner: int, outer: int) -> float:
         if not 0 <= outer < len(f):
             return float(f[inner])
-        share = (mean[inner] - level * mean.max()) / (mean[inner] - mean[outer])
+        share = (score[inner] - level * score.max()) / (score[inner] - score[outer])
         return float(np.exp(np.log(f[inner]) + share * np.log(f[outer] / f[inner])))
 
     return edge(above[0], above[0] - 1), edge(above[-1], above[-1] + 1)
@@ -140,8 +142,6 @@ def gait_shape(g: MsdResult) -> tuple[float, float]:
 def knee(c: Curves) -> float:
     """Relative noise above which the smoothed distance stays below 90 % of the undisturbed."""
     distance = c.arrays["distance"].mean(axis=1)
-    if len(distance) < 3:
-        raise ValueError(f"a knee of {len(distance)} levels")
     width = max(1, len(distance) // 10) | 1
     smooth = np.convolve(np.pad(distance, width // 2, mode="edge"), np.ones(width) / width, "valid")
     plateau = smooth >= 0.9 * smooth[: len(smooth) // 3].mean()
@@ -152,15 +152,6 @@ def knee(c: Curves) -> float:
 def loop_share(c: Curves) -> float:
     """Distance in the last 10 s, closed over open loop; 0 if the open loop does not move."""
     return c.values["closed"] / c.values["open"] if abs(c.values["open"]) > 0.01 else 0.0
-
-
-def loop_ratio(r: Results) -> dict[int, float]:
-    """Distance in the last 10 s, closed over open loop, summed over repetitions, by size."""
-    ratio = {}
-    for n, loops in r.loops_by_size.items():
-        closed, started = (sum(c.values[k] for c in loops) for k in ("closed", "open"))
-        ratio[n] = closed / started if abs(started) > 0.01 else 0.0
-    return ratio
 
 
 def roughness(c: Curves) -> float:

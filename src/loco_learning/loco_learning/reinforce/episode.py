@@ -168,7 +168,7 @@ def play(
     return Episode(
         value=reward.of_log(test, ticks, params.discount),
         speed=METRICS["forward_speed"](test),
-        cost=METRICS["cost_of_transport"](test),
+        cost=METRICS["positive_cost_of_transport"](test),
         fall=log.fall,
         seconds=len(log) * log.dt,
     )

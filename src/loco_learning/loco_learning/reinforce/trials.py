@@ -81,6 +81,6 @@ def _row(runs: Iterable[tuple[Experiment, int]], p: TrialParams) -> Row:
         if log.fall:
             fall_count += 1
         elif speeds[-1] > STANDS:
-            costs.append(METRICS["cost_of_transport"](measured))
+            costs.append(METRICS["positive_cost_of_transport"](measured))
     cost = float(np.mean(costs)) if costs else float("nan")
     return Row(float(np.mean(speeds)), cost, fall_count, len(speeds))

@@ -9,7 +9,8 @@ import numpy as np
 
 from ..calibration.parameters import parameter_set
 from ..calibration.results import Comparison
-from .evidence import Evidence
+from ..params import OPEN
+from .evidence import Evidence, column
 from .registry import Numbers, measure
 
 BOUND, WALK = "surrogate_bound", "surrogate_walk"
@@ -28,21 +29,24 @@ def _bodies(evidence: Evidence, name: str) -> tuple[float, np.ndarray]:
 
 @measure
 def calibration_converges(evidence: Evidence) -> Numbers:
-    """Generation of the plateau, final error, and spread of the searches over the initial error."""
+    """Generation of the plateau and final error of each search.
+
+    Also its distance from the median of the searches; errors are over the initial error.
+    """
     fits = evidence.other("calibration").fits
-    errors = np.array([fit.error for fit in fits])
+    errors = np.array([fit.error / fit.before for fit in fits])
     return {
-        "plateau_generation": float(max(fit.plateau for fit in fits)),
-        "final_over_initial": float(np.max(errors / [fit.before for fit in fits])),
-        "spread_over_initial": float(np.std(errors) / fits[0].before),
+        "plateau_generation": np.array([float(fit.plateau) for fit in fits]),
+        "final_over_initial": errors,
+        "distance_from_median": np.abs(errors - np.median(errors)),
     }
 
 
 @measure
 def calibration_ratio(evidence: Evidence) -> Numbers:
-    """Error of the default body over that of the best one."""
-    best = evidence.other("calibration").best
-    return {"ratio": best.before / best.error}
+    """Error of the default body over that of the body of each search."""
+    fits = evidence.other("calibration").fits
+    return {"ratio": np.array([fit.before / fit.error for fit in fits])}
 
 
 @measure
@@ -102,25 +106,26 @@ def walk_transfers(evidence: Evidence) -> Numbers:
 
 @measure
 def gaits_travel(evidence: Evidence) -> Numbers:
-    """Smallest distance over 15 s [m] and falls of the optimised bound and walk."""
+    """Distance over 15 s [m] of the bound and of the walk, and whether they fell, 0 or 1."""
     _, cases = evidence.study("gaits")
-    phase = "open loop"
-    return {
-        "least_distance": float(min(case.metrics[phase]["distance"] for case in cases)),
-        "falls": float(sum(bool(case.verdict["fall"]) for case in cases)),
-    }
+    numbers: dict[str, Any] = {}
+    for gait in ("bound", "walk"):
+        numbers[f"{gait}_distance"] = column(cases, "distance", OPEN, gait)
+        runs = [case for case in cases if case.variant == gait]
+        numbers[f"{gait}_fell"] = np.array([float(bool(c.verdict["fall"])) for c in runs])
+    return numbers
 
 
 @measure
 def falls_coincide(evidence: Evidence) -> Numbers:
-    """Share of actuations with which robot and calibrated model both fall or both stand."""
+    """For each actuation, whether robot and model both fall or both stand, 0 or 1."""
     _, cases = evidence.study("amplitudes")
-    fall_share = {
-        variant: np.array([bool(c.verdict["fall"]) for c in cases if c.variant == variant])
+    fell = {
+        variant: np.array([float(bool(c.verdict["fall"])) for c in cases if c.variant == variant])
         for variant in ("robot", "calibrated", "default")
     }
     return {
-        "agree": float(np.mean(fall_share["robot"] == fall_share["calibrated"])),
-        "default_agrees": float(np.mean(fall_share["robot"] == fall_share["default"])),
-        "robot_falls": float(fall_share["robot"].mean()),
+        "agree": (fell["robot"] == fell["calibrated"]).astype(float),
+        "default_agrees": (fell["robot"] == fell["default"]).astype(float),
+        "robot_falls": fell["robot"],
     }

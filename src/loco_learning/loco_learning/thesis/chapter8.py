@@ -3,8 +3,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import numpy as np
 
 from ..study.case import CaseResult
@@ -18,28 +16,28 @@ def _trials(evidence: Evidence, name: str = "chapter8") -> tuple[list[CaseResult
     return tuple([c for c in cases if c.variant == variant] for variant in study.variants)
 
 
-def _all(cases: list[CaseResult], key: str, what: Callable = np.median) -> float:
-    return float(what([case.verdict[key] for case in cases]))
+def _each(cases: list[CaseResult], key: str) -> np.ndarray:
+    return np.array([float(case.verdict[key]) for case in cases])
 
 
 @measure
 def clock_keeps_the_gait(evidence: Evidence) -> Numbers:
-    """Share of PSE trials that survive."""
+    """Whether each PSE trial survives, 0 or 1."""
     pse, _ = _trials(evidence)
-    return {"survived": _all(pse, "survived", np.mean), "trials": float(len(pse))}
+    return {"survived": _each(pse, "survived")}
 
 
 @measure
 def no_clock_fails(evidence: Evidence) -> Numbers:
-    """Share of RSE trials that fail by any criterion, and of those that fall."""
+    """Whether each RSE trial fails by any criterion, and whether it falls, 0 or 1."""
     _, rse = _trials(evidence)
-    fall_share = float(np.mean([bool(case.verdict["fall"]) for case in rse]))
-    return {"failed": 1.0 - _all(rse, "survived", np.mean), "fell": fall_share}
+    fell = np.array([float(bool(case.verdict["fall"])) for case in rse])
+    return {"failed": 1.0 - _each(rse, "survived"), "fell": fell}
 
 
 @measure
 def error_overshoots(evidence: Evidence) -> Numbers:
-    """Largest smoothed NRMSE, and the share of RSE trials that fail before the delay starts."""
+    """Largest smoothed NRMSE, and whether each RSE trial fails before the delay starts, 0 or 1."""
     pse, rse = _trials(evidence)
 
     def early(case: CaseResult) -> bool:
@@ -49,26 +47,23 @@ def error_overshoots(evidence: Evidence) -> Numbers:
         driven = before & (case.curves["error_t"] > closing)
         return bool(np.max(case.curves["error"][driven], initial=0.0) > 0.3)
 
-    share = float(np.mean([early(case) for case in rse]))
-    return {"pse_nrmse": _all(pse, "nrmse", np.max), "rse_nrmse": _all(rse, "nrmse"),
-            "rse_early": share}  # fmt: skip
+    return {"pse_nrmse": _each(pse, "nrmse"), "rse_nrmse": _each(rse, "nrmse"),
+            "rse_early": np.array([float(early(case)) for case in rse])}  # fmt: skip
 
 
 @measure
 def amplitude_decays(evidence: Evidence) -> Numbers:
-    """Smallest stride amplitude over the target's, over all trials."""
+    """Stride amplitude over the target's at the end of each trial."""
     pse, rse = _trials(evidence)
-    return {"rse_amplitude": _all(rse, "amplitude", np.min),
-            "pse_amplitude": _all(pse, "amplitude", np.min)}  # fmt: skip
+    return {"rse_amplitude": _each(rse, "amplitude"), "pse_amplitude": _each(pse, "amplitude")}
 
 
 @measure
 def phase_drifts(evidence: Evidence) -> Numbers:
     """Slip of both variants [strides], and the frequency of RSE over the target's."""
     pse, rse = _trials(evidence)
-    ratio = _all(rse, "frequency") / _all(rse, "target_frequency")
-    return {"pse_slip": _all(pse, "slip", np.max), "rse_slip": _all(rse, "slip"),
-            "rse_frequency": ratio}  # fmt: skip
+    ratio = _each(rse, "frequency") / _each(rse, "target_frequency")
+    return {"pse_slip": _each(pse, "slip"), "rse_slip": _each(rse, "slip"), "rse_frequency": ratio}
 
 
 @measure
@@ -76,6 +71,6 @@ def clock_ablation(evidence: Evidence) -> Numbers:
     """Slip and error with and without the clock, on ideal ground and without a delay."""
     clock, none = _trials(evidence, "clock")
     return {
-        "clock_slip": _all(clock, "slip", np.max), "no_clock_slip": _all(none, "slip"),
-        "clock_nrmse": _all(clock, "nrmse", np.max), "no_clock_nrmse": _all(none, "nrmse"),
+        "clock_slip": _each(clock, "slip"), "no_clock_slip": _each(none, "slip"),
+        "clock_nrmse": _each(clock, "nrmse"), "no_clock_nrmse": _each(none, "nrmse"),
     }  # fmt: skip

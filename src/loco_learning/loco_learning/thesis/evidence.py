@@ -47,6 +47,11 @@ class Entry:
     overrides: dict[str, Any] = dataclasses.field(default_factory=dict)
     options: dict[str, Any] = dataclasses.field(default_factory=dict)
 
+    @property
+    def physics(self) -> str:
+        """Engine that runs it; chapter 6 has an integrator of its own."""
+        return "msd" if self.name == "msd" else self.engine
+
     def load(self) -> Study:
         """The study with the settings of this plan."""
         loaded = studies.load(self.study, overrides={**self.overrides, "sim.engine": self.engine})
@@ -134,9 +139,7 @@ class Evidence:
         return self._read[name]
 
 
-def column(
-    cases: Sequence[CaseResult], metric: str, phase: str, variant: str = ""
-) -> np.ndarray:
+def column(cases: Sequence[CaseResult], metric: str, phase: str, variant: str = "") -> np.ndarray:
     """A metric of a phase, one value per case; NaN if the phase was not reached.
 
     Args:
@@ -149,14 +152,20 @@ def column(
     return np.array([case.metrics.get(phase, {}).get(metric, np.nan) for case in selected])
 
 
-def over(
+def by_seed(cases: Sequence[CaseResult]) -> list[list[CaseResult]]:
+    """Cases of each seed, in the order of the seeds: the runs that a spread is over."""
+    seeds = sorted({case.seed for case in cases})
+    return [[case for case in cases if case.seed == seed] for seed in seeds]
+
+
+def curves(
     cases: Sequence[CaseResult], axis: str, metric: str, phase: str
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Values of an axis and the mean of a metric at each, without cases that fell earlier."""
-    at = np.array([case.at[axis] for case in cases], dtype=float)
-    values, positions = column(cases, metric, phase), np.unique(at)
-    means = [
-        float(np.mean(finite)) if len(finite := v[np.isfinite(v)]) else np.nan
-        for v in (values[at == place] for place in positions)
-    ]
-    return positions, np.array(means)
+    """Values of an axis, (n,), and a metric at each for each seed, (seeds, n); NaN if it fell."""
+    places = np.unique([float(case.at[axis]) for case in cases])
+    groups = by_seed(cases)
+    values = np.full((len(groups), len(places)), np.nan)
+    for row, group in zip(values, groups, strict=True):
+        at = np.searchsorted(places, [float(case.at[axis]) for case in group])
+        row[at] = column(group, metric, phase)
+    return places, values

@@ -20,7 +20,7 @@ BLUE, RED = "#0072b2", "#d55e00"
 COMPARED = (
     ("cost_of_transport", "cost of transport [-]", True), ("power", "power [W]", True),
     ("speed", "speed [m/s]", False), ("step_length", "step length [m]", False),
-    ("accuracy", "accuracy [-]", False), ("grf_max", "largest force [N]", False),
+    ("accuracy_author", "accuracy [-]", False), ("grf_max", "largest force [N]", False),
 )  # fmt: skip
 
 

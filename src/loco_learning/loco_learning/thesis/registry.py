@@ -1,29 +1,49 @@
 # SPDX-License-Identifier: Apache-2.0
 """Claims of the thesis from ``claims.yaml``, and verdicts on them by its rules.
 
-A measure is a small function from evidence (results of a plan) to named numbers. A claim names a
-measure and the ranges of its numbers in which the claim agrees; the ranges are in the file
-before anything runs. The claim is not decided if its evidence was not run, or a number is NaN.
+A measure is a function from evidence (results of a plan) to named numbers: one value per
+independent run, or a single number where nothing is drawn. A claim names a measure and, for each
+number that decides, a comparison and a range; the rule is in the file before anything runs. The
+comparisons are
+
+- ``median``: the interval of the median over the runs, by order statistics, at `CONFIDENCE`;
+- ``share``: the interval of the share of runs that are 1 and not 0 (Clopper and Pearson);
+- ``each``: every run;
+- ``value``: a single number, for a claim that says why one is enough (`exact` or `holds`).
+
+A number agrees if its interval is within the range, disagrees if it is outside, and leaves the
+claim open if it has the limit within it, or comes from fewer runs than the rule requires.
 """
 
 from __future__ import annotations
 
+import datetime
 import importlib.resources
 import math
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from loco_control.exceptions import LocoError
+import numpy as np
+from scipy.stats import beta, binom
+
+from loco_control.exceptions import LocoError, NameUnknownError, ParameterError
+from loco_control.reading import shown
 
 from ..plain import read_yaml
 from ..study.grid import ranges
 
-AGREES, DISAGREES, OPEN = "agrees", "disagrees", "not decided"
-Numbers = Mapping[str, float]
+AGREES, DISAGREES, OPEN = "agrees", "disagrees", "open"
+HOLDS, ROBOT = "holds by construction", "cannot be judged without the robot"
+VERDICTS = (AGREES, DISAGREES, OPEN, HOLDS, ROBOT)
+CONFIDENCE = 0.9
+LEAST_RUNS = 5  # fewest runs whose range is an interval of the median at `CONFIDENCE`
+Numbers = Mapping[str, float | np.ndarray]
 MEASURES: dict[str, Callable[[Any], Numbers]] = {}
+KEYS = ("item", "says", "from", "measure", "rule", "runs", "frozen", "after_results", "valid",
+        "exact", "holds", "robot", "note", "why")  # fmt: skip
 
 
 def measure(function: Callable[[Any], Numbers]) -> Callable[[Any], Numbers]:
@@ -37,6 +57,32 @@ class NotRunError(LocoError):
 
 
 @dataclass(frozen=True)
+class Bound:
+    """Comparison of one number with its range.
+
+    Attributes:
+        kind: Name of the comparison in `COMPARISONS`.
+        low: Smallest value that agrees; may be -inf.
+        high: Largest value that agrees; may be inf.
+    """
+
+    kind: str
+    low: float
+    high: float
+
+    @property
+    def text(self) -> str:
+        """The range in words."""
+        if self.low == self.high:
+            return f"is {self.low:g}"
+        if math.isinf(self.high):
+            return f"at least {self.low:g}"
+        if math.isinf(self.low):
+            return f"at most {self.high:g}"
+        return f"{self.low:g} to {self.high:g}"
+
+
+@dataclass(frozen=True)
 class Claim:
     """One claim of the registry.
 
@@ -45,9 +91,16 @@ class Claim:
         item: Figure or line of the thesis.
         says: The claim in a sentence.
         evidence: Names of the plan's entries that are needed.
-        measure: Name of the function that measures it; "msd" for the claims of chapter 6, which
-            have judges of their own.
-        rule: Ranges of the numbers in which the claim agrees.
+        measure: Name of the function that measures it.
+        rule: Comparison of each number that decides; empty if `robot`.
+        runs: Fewest runs of each number that is not a ``value``.
+        frozen: Date since which the ranges of the rule are unchanged.
+        after_results: Whether numbers of this claim were known when its ranges were written.
+        valid: Ranges of numbers outside of which the claim is open.
+        exact: Why one value of a number is enough.
+        holds: Why the claim holds by construction, if it does.
+        robot: Why the claim cannot be judged without the robot, if so.
+        note: Remark on the rule, for the page.
         why: Explanation of a disagreement, if known.
     """
 
@@ -56,13 +109,31 @@ class Claim:
     says: str
     evidence: tuple[str, ...]
     measure: str
-    rule: dict[str, tuple[float, float]]
+    rule: dict[str, Bound]
+    runs: int = 0
+    frozen: str = ""
+    after_results: bool = False
+    valid: dict[str, tuple[float, float]] = field(default_factory=dict)
+    exact: str = ""
+    holds: str = ""
+    robot: str = ""
+    note: str = ""
     why: str = ""
 
     @property
-    def wanted(self) -> str:
+    def rule_text(self) -> str:
         """The rule in words."""
-        return "; ".join(_range(name, *limits) for name, limits in self.rule.items())
+        if self.robot:
+            return "no rule"
+        parts = [f"{_name(name, bound.kind)} {bound.text}" for name, bound in self.rule.items()]
+        if self.runs:
+            parts.append(f"at least {self.runs} runs")
+        return "; ".join(parts)
+
+    @property
+    def since(self) -> str:
+        """Date of the ranges, and whether they were written after numbers had been seen."""
+        return f"{self.frozen}{', numbers seen' if self.after_results else ''}"
 
 
 @dataclass(frozen=True)
@@ -70,24 +141,18 @@ class Verdict:
     """Verdict on a claim.
 
     Attributes:
-        claim: Number of the claim.
-        item: Figure or line of the thesis.
-        says: The claim.
-        wanted: The rule.
-        found: Measured numbers.
-        verdict: `AGREES`, `DISAGREES` or `OPEN`.
-        evidence: Names of the plan's entries.
-        why: Explanation of a disagreement.
+        claim: The claim.
+        text: Measured numbers.
+        verdict: One of `VERDICTS`.
+        reason: Why it is not "agrees": explanation, or what is missing.
+        numbers: Numbers of the measure, by name.
     """
 
-    claim: str
-    item: str
-    says: str
-    wanted: str
-    found: str
+    claim: Claim
+    text: str
     verdict: str
-    evidence: tuple[str, ...] = ()
-    why: str = ""
+    reason: str = ""
+    numbers: Numbers = field(default_factory=dict)
 
 
 def file(name: str) -> Path:
@@ -95,56 +160,191 @@ def file(name: str) -> Path:
     return Path(str(importlib.resources.files("loco_learning") / "thesis" / name))
 
 
-def claims() -> list[Claim]:
+# ---- the registry
+
+
+def claims(path: Path | None = None) -> list[Claim]:
     """All claims, in their order.
 
+    Args:
+        path: Another file than ``claims.yaml``.
+
     Raises:
-        ParameterError: The file has a duplicate claim, or a range that is not two numbers.
+        NameUnknownError: A key or a comparison does not exist.
+        ParameterError: A row lacks a part of its rule, has a rule that cannot fail, or judges a
+            number that depends on draws by fewer than `LEAST_RUNS` runs.
     """
-    claim_list = []
-    for number, row in read_yaml(file("claims.yaml")).items():
-        rule = ranges(row.get("rule", {}), f"claim {number}")
-        evidence = row["from"] if isinstance(row["from"], list) else [row["from"]]
-        claim_list.append(
-            Claim(str(number), row.get("item", ""), row.get("says", ""), tuple(evidence),
-                  row.get("measure", "msd"), rule, row.get("why", ""))
-        )  # fmt: skip
-    return claim_list
+    return [
+        _claim(str(number), row) for number, row in read_yaml(path or file("claims.yaml")).items()
+    ]
 
 
-def tally(verdicts: Iterable[str]) -> str:
-    """Number of each verdict, as a sentence: "13 agrees, 11 disagrees, 23 not decided"."""
-    counts = Counter(verdicts)
-    return ", ".join(f"{counts[verdict]} {verdict}" for verdict in (AGREES, DISAGREES, OPEN))
+def _claim(number: str, row: Mapping[str, Any]) -> Claim:
+    where = f"claim {number}"
+    for key in row:
+        if key not in KEYS:
+            raise NameUnknownError(f"key in {where}", str(key), KEYS)
+    evidence = row["from"] if isinstance(row["from"], list) else [row["from"]]
+    rule = {str(k): _bound(f"{where}.{k}", v) for k, v in row.get("rule", {}).items()}
+    claim = Claim(
+        number, str(row["item"]), str(row["says"]), tuple(evidence), str(row["measure"]), rule,
+        row.get("runs", 0), str(row.get("frozen", "")), bool(row.get("after_results", False)),
+        ranges(row.get("valid", {}), where),
+        *(str(row.get(key, "")) for key in ("exact", "holds", "robot", "note", "why")),
+    )  # fmt: skip
+    _check(claim, where)
+    return claim
+
+
+def _bound(where: str, spec: Any) -> Bound:
+    if not isinstance(spec, Mapping) or len(spec) != 1:
+        raise ParameterError(f"{where} must be like {{median: [low, high]}}, got {shown(spec)}")
+    ((kind, (low, high)),) = ranges(spec, where).items()
+    if kind not in COMPARISONS:
+        raise NameUnknownError(f"comparison in {where}", kind, COMPARISONS)
+    if math.isinf(low) and math.isinf(high) or (kind == "share" and low <= 0.0 and high >= 1.0):
+        raise ParameterError(f"{where} cannot fail: every number is within its range")
+    if low > high:
+        raise ParameterError(f"{where}: {low:g} is above {high:g}")
+    return Bound(kind, low, high)
+
+
+def _check(claim: Claim, where: str) -> None:
+    """Refuse a row without a whole rule."""
+    if bool(claim.rule) == bool(claim.robot):
+        raise ParameterError(f"{where} must have either a rule, or a reason in robot")
+    if claim.robot:
+        return
+    try:
+        datetime.date.fromisoformat(claim.frozen)
+    except ValueError as error:
+        raise ParameterError(f"{where}.frozen must be the date of the rule, {error}") from error
+    kinds = {bound.kind for bound in claim.rule.values()}
+    if "value" in kinds and not (claim.exact or claim.holds):
+        raise ParameterError(f"{where} judges one value and does not say why that is enough")
+    if kinds != {"value"} and claim.runs < LEAST_RUNS:
+        raise ParameterError(
+            f"{where} judges numbers that differ between runs by {claim.runs} runs; their spread "
+            f"needs at least {LEAST_RUNS}"
+        )
+
+
+# ---- comparisons: interval of a number over its runs, NaN without one
+
+
+def median_interval(values: np.ndarray) -> tuple[float, float]:
+    """Interval of the median at `CONFIDENCE`, by order statistics; NaN below 5 values."""
+    rank = int(binom.ppf((1.0 - CONFIDENCE) / 2.0, len(values), 0.5)) if len(values) else 0
+    if rank < 1:
+        return math.nan, math.nan
+    ordered = np.sort(values)
+    return float(ordered[rank - 1]), float(ordered[-rank])
+
+
+def share_interval(values: np.ndarray) -> tuple[float, float]:
+    """Interval of a share at `CONFIDENCE` (Clopper and Pearson), from values 0 or 1."""
+    hits, count, tail = int(np.sum(values)), len(values), (1.0 - CONFIDENCE) / 2.0
+    low = float(beta.ppf(tail, hits, count - hits + 1)) if hits else 0.0
+    high = float(beta.ppf(1.0 - tail, hits + 1, count - hits)) if hits < count else 1.0
+    return low, high
+
+
+def _range(values: np.ndarray) -> tuple[float, float]:
+    return (float(np.min(values)), float(np.max(values))) if len(values) else (math.nan, math.nan)
+
+
+COMPARISONS: dict[str, Callable[[np.ndarray], tuple[float, float]]] = {
+    "median": median_interval, "share": share_interval, "each": _range, "value": _range,
+}  # fmt: skip
+
+
+def _compared(bound: Bound, values: np.ndarray, runs: int) -> tuple[bool | None, str]:
+    """Whether a number is within its range, None if open, and what is missing then."""
+    if bound.kind == "value":
+        runs = 1
+    if len(values) < runs:
+        return None, f"{len(values)} of {runs} runs"
+    low, high = COMPARISONS[bound.kind](values)
+    if bound.low <= low and high <= bound.high:
+        return True, ""
+    outside = high < bound.low or low > bound.high
+    if outside or bound.kind == "each":  # one run refutes what is said of each
+        return False, ""
+    return None, f"{_text(low)} to {_text(high)} has a limit of the range in it"
+
+
+# ---- verdicts
 
 
 def judge(claim: Claim, evidence: Any) -> Verdict:
     """Verdict on one claim from the results of a plan."""
-    text, verdict = "not run", OPEN
     try:
         numbers = MEASURES[claim.measure](evidence)
     except NotRunError as error:
-        text = str(error)
-    else:
-        text = "; ".join(f"{name.replace('_', ' ')} {_text(v)}" for name, v in numbers.items())
-        values = [numbers.get(name, math.nan) for name in claim.rule]
-        if values and not any(math.isnan(value) for value in values):
-            fits = (low <= v <= high for v, (low, high) in zip(values, claim.rule.values(),
-                                                               strict=True))  # fmt: skip
-            verdict = AGREES if all(fits) else DISAGREES
-    explanation = claim.why if verdict == DISAGREES else ""
-    about = claim.number, claim.item, claim.says, claim.wanted
-    return Verdict(*about, text, verdict, claim.evidence, explanation)
+        if claim.robot:
+            return Verdict(claim, str(error), ROBOT, claim.robot)
+        return Verdict(claim, "not run", OPEN, f"Not run: {error}.")
+    return decide(claim, numbers)
+
+
+def decide(claim: Claim, numbers: Numbers) -> Verdict:
+    """Verdict on one claim from the numbers of its measure."""
+    text = "; ".join(_number_text(k, value, claim.rule.get(k)) for k, value in numbers.items())
+    if claim.robot:
+        return Verdict(claim, text, ROBOT, claim.robot, numbers)
+    for name, (low, high) in claim.valid.items():
+        if not low <= float(numbers.get(name, math.nan)) <= high:
+            reason = f"{_plain(name)} is not {Bound('value', low, high).text}."
+            return Verdict(claim, text, OPEN, reason.capitalize(), numbers)
+    lacking, refuted = [], False
+    for name, bound in claim.rule.items():
+        agrees, lack = _compared(bound, _finite(numbers.get(name, math.nan)), claim.runs)
+        refuted |= agrees is False
+        if lack:
+            lacking.append(f"{_plain(name)}: {lack}")
+    if refuted:
+        return Verdict(claim, text, DISAGREES, claim.why or "Not explained yet.", numbers)
+    if lacking:
+        return Verdict(claim, text, OPEN, "; ".join(lacking).capitalize() + ".", numbers)
+    verdict, reason = (HOLDS, claim.holds) if claim.holds else (AGREES, "")
+    return Verdict(claim, text, verdict, reason, numbers)
+
+
+def tally(verdicts: Iterable[Verdict]) -> str:
+    """Number of each verdict that occurs: "13 agrees, 11 disagrees, 23 open"."""
+    counts = Counter(v.verdict for v in verdicts)
+    return ", ".join(f"{counts[verdict]} {verdict}" for verdict in VERDICTS if counts[verdict])
+
+
+def _finite(value: float | np.ndarray) -> np.ndarray:
+    values = np.atleast_1d(np.asarray(value, dtype=float))
+    return values[~np.isnan(values)]
+
+
+def _number_text(name: str, value: float | np.ndarray, bound: Bound | None) -> str:
+    """A number with its interval and its runs."""
+    if np.ndim(value) == 0:
+        return f"{_plain(name)} {_text(float(value))}"
+    kind, values = bound.kind if bound else "median", _finite(value)
+    if not len(values):
+        return f"{_plain(name)} –"
+    low, high = COMPARISONS[kind](values)
+    if math.isnan(low):
+        low, high = _range(values)
+    middle = np.mean(values) if kind == "share" else np.median(values)
+    numbers = f"{_text(low)} to {_text(high)}, {len(values)} runs"
+    return f"{_plain(name)} {_text(float(middle))} ({numbers})"
+
+
+def _name(name: str, kind: str) -> str:
+    return {"median": "median of ", "share": "share of ", "each": "each ", "value": ""}[
+        kind
+    ] + _plain(name)
+
+
+def _plain(name: str) -> str:
+    return name.replace("_", " ")
 
 
 def _text(value: float) -> str:
     return "–" if math.isnan(value) else f"{value:.5g}" if abs(value) >= 1e3 else f"{value:.3g}"
-
-
-def _range(name: str, low: float, high: float) -> str:
-    name = name.replace("_", " ")
-    if low == high:
-        return f"{name} is {low:g}"
-    if math.isinf(high):
-        return f"{name} at least {low:g}"
-    return f"{name} at most {high:g}" if math.isinf(low) else f"{name} {low:g} to {high:g}"

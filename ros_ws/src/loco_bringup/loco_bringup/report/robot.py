@@ -30,8 +30,8 @@ WALKING = (  # metrics of the cards at the top, legged robots
     "speed", "nrmse", "stride_frequency", "cost_of_transport", "positive_power", "grf_max",
 )  # fmt: skip
 JOINTED = (  # the same, robots without legs
-    "distance", "forward_speed", "stride_frequency", "shape_error", "cost_of_transport",
-    "positive_power", "passive_range", "pitch_range",
+    "distance", "forward_speed", "stride_frequency", "shape_error",
+    "positive_cost_of_transport", "positive_power", "passive_range", "pitch_range",
 )  # fmt: skip
 BOLTED = ("tracking_error", "torque_max", "positive_power", "passive_range")  # fixed base
 

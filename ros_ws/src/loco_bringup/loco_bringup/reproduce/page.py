@@ -5,8 +5,10 @@ from __future__ import annotations
 
 import csv
 import io
+import json
 from collections import Counter
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
@@ -15,133 +17,150 @@ from markupsafe import Markup
 from loco_control.files import write_whole
 from loco_learning.drawing import png
 from loco_learning.drawing.chart import Chart
-from loco_learning.networks import claims as msd_claims
 from loco_learning.networks import page as msd_page
+from loco_learning.networks.results import Results
+from loco_learning.plain import plain
 from loco_learning.thesis import figures, registry
 from loco_learning.thesis.evidence import Entry, Evidence
 from loco_learning.thesis.registry import Verdict
 
 from ..page import html
 
-VERDICTS = (registry.AGREES, registry.DISAGREES, registry.OPEN)
 _RULES = (
-    "The rules stand in loco_learning/thesis/claims.yaml; docs/thesis.md says which came before "
-    "the runs."
+    "The rules are in loco_learning/thesis/claims.yaml. Each row has the date of its ranges, and "
+    "whether numbers of the claim had been seen before. How many runs a rule needs, and which "
+    "spread it compares, was set on 2026-11-28, after results of the quick plan were known."
 )
+MARKS = {registry.AGREES: "good", registry.DISAGREES: "bad"}
+
+
+@dataclass(frozen=True)
+class Drawn:
+    """A figure of a page.
+
+    Attributes:
+        file: Name of its picture.
+        title: Heading.
+        caption: Sentence below it.
+        chart: The figure.
+    """
+
+    file: str
+    title: str
+    caption: str
+    chart: Chart
 
 
 def write(
+    title: str,
+    command: str,
     verdicts: list[Verdict],
-    entries: dict[str, Entry],
-    found: Evidence,
-    plan: str,
-    what: str,
+    drawn: Sequence[Drawn],
+    entries: Mapping[str, Entry],
     folder: Path,
 ) -> Path:
-    """Write ``thesis.html``, the same content as ``README.md``, ``verdicts.csv``, and the figures.
+    """Write ``thesis.html``, the same as ``README.md``, ``verdicts.csv`` and ``numbers.json``.
+
+    Args:
+        title: Heading.
+        command: Command that reproduces it.
+        verdicts: Verdicts on the claims.
+        drawn: Figures; their pictures are there already.
+        entries: Entries of the plan.
+        folder: Output folder.
 
     Returns:
         Path of ``thesis.html``.
     """
-    drawn = figures.charts(found)
+    lines = [
+        f"# {title}", "", f"Made by `{command}`. {_RULES}", "", f"{registry.tally(verdicts)}.", "",
+        "| claim | thesis | says | rule | rule of | found | verdict | runs |",
+        "| --- | --- | --- | --- | --- | --- | --- | --- |",
+        *(_row(v, entries, folder) for v in verdicts), "",
+    ]  # fmt: skip
+    for heading, items in _reasons(verdicts):
+        lines += [f"## {heading}", "", *(f"- **{number}** {text}" for number, text in items), ""]
+    for figure in drawn:
+        lines += [f"![{figure.caption}]({figure.file})", "", figure.caption, ""]
+    write_whole(folder / "verdicts.csv", _csv(verdicts, entries))
+    numbers = {v.claim.number: plain(v.numbers) for v in verdicts}
+    write_whole(folder / "numbers.json", json.dumps(numbers, indent=1))
+    write_whole(folder / "README.md", "\n".join(lines))
+    return write_whole(
+        folder / "thesis.html", page(title, command, verdicts, drawn, entries, folder)
+    )
+
+
+def thesis_figures(evidence: Evidence, folder: Path) -> list[Drawn]:
+    """Draw the figures of chapter 7 and the trials on rough ground."""
+    drawn = figures.charts(evidence)
     for name, _, chart in drawn:
         png.write(chart, folder / f"{name}.png")
-    title = f"Claims of the thesis, {plan} plan"
-    lines = [
-        f"# {title}",
-        "",
-        f"Made by `loco reproduce {what} --plan {plan}`. {_RULES}",
-        f"{registry.tally(v.verdict for v in verdicts)}.",
-        "",
-        "| claim | thesis | says | wanted | found | verdict | runs |",
-        "| --- | --- | --- | --- | --- | --- | --- |",
-        *(_row(v, entries, folder) for v in verdicts),
-        "",
-        *_explained(verdicts),
-    ]  # fmt: skip
-    for name, caption, _ in drawn:
-        lines += [f"![{caption}]({name}.png)", "", caption, ""]
-    write_whole(folder / "verdicts.csv", _csv(verdicts, plan))
-    write_whole(folder / "README.md", "\n".join(lines))
-    command = f"loco reproduce {what} --plan {plan}"
-    runs = {name: _target(name, folder) for name in entries}
-    text = page(title, command, verdicts, [(c.partition(":")[0], c, d) for _, c, d in drawn], runs)
-    return write_whole(folder / "thesis.html", text)
+    return [
+        Drawn(f"{name}.png", text.partition(":")[0], text, chart) for name, text, chart in drawn
+    ]
 
 
-def write_msd(plan: str, preset: str, folder: Path) -> tuple[Path, list[msd_claims.Verdict]]:
-    """Write ``thesis.html`` on chapter 6, the same content as ``README.md``, and the figures.
-
-    Args:
-        plan: Name of the plan.
-        preset: Name of the preset.
-        folder: Folder of the results, whose ``runs`` are read.
-
-    Returns:
-        Path of ``thesis.html``, and the verdicts.
-    """
-    title, verdicts, charts = msd_page.write(plan, preset, folder / "runs", folder)
-    command = f"loco reproduce msd --plan {plan} --preset {preset}"
-    drawn = [(f"Figure {n}", f"{msd_page.CAPTIONS[n]}.", chart) for n, chart in charts.items()]
-    return write_whole(folder / "thesis.html", page(title, command, verdicts, drawn)), verdicts
+def msd_figures(results: Results, folder: Path) -> list[Drawn]:
+    """Draw the figures of chapter 6, and write its table of searches."""
+    return [
+        Drawn(msd_page.picture(n), f"Figure {n}", f"{msd_page.CAPTIONS[n]}.", chart)
+        for n, chart in msd_page.write(results, folder).items()
+    ]
 
 
 def page(
     title: str,
     command: str,
-    verdicts: Sequence[Verdict | msd_claims.Verdict],
-    drawn: Sequence[tuple[str, str, Chart]],
-    runs: Mapping[str, str] | None = None,
+    verdicts: Sequence[Verdict],
+    drawn: Sequence[Drawn],
+    entries: Mapping[str, Entry],
+    folder: Path,
 ) -> str:
-    """HTML text of the page of a reproduction.
-
-    Args:
-        title: Heading.
-        command: Command that reproduces it.
-        verdicts: Verdicts on the claims, including those of chapter 6.
-        drawn: Title, caption and chart of each figure.
-        runs: Path of the page or table of each run, by its name; "" if there is none.
-    """
+    """HTML text of the page of a reproduction; arguments are those of `write`."""
     counts = Counter(v.verdict for v in verdicts)
     header = html.join([
         html.paragraph("Made by", html.code(command) + ".", _RULES, soft=True),
         html.cards([(name.capitalize(), str(counts[name]), f"of {len(verdicts)}")
-                    for name in VERDICTS if counts[name]]),
+                    for name in registry.VERDICTS if counts[name]]),
     ])  # fmt: skip
-    sections = [html.part("Claims", lambda: _claims(verdicts, runs or {}), long=True)]
-    against = [v for v in verdicts if v.verdict == registry.DISAGREES]
-    if against:
-        items = [html.strong(v.claim) + " " + _why(v) for v in against]
-        sections.append(html.part("Disagreements", lambda: html.bullets(items)))
-    sections += [html.part(name, partial(html.figure, chart, name, caption))
-                 for name, caption, chart in drawn]  # fmt: skip
+    sections = [html.part("Claims", lambda: _claims(verdicts, entries, folder), long=True)]
+    for heading, items in _reasons(verdicts):
+        rows = [html.strong(number) + " " + text for number, text in items]
+        sections.append(html.part(heading, partial(html.bullets, rows)))
+    sections += [html.part(f.title, partial(html.figure, f.chart, f.title, f.caption))
+                 for f in drawn]  # fmt: skip
     return html.document(title, header, sections)
 
 
-def _claims(verdicts: Sequence[Verdict | msd_claims.Verdict], runs: Mapping[str, str]) -> Markup:
+def _claims(verdicts: Sequence[Verdict], entries: Mapping[str, Entry], folder: Path) -> Markup:
     """Table of all claims, coloured by their verdicts."""
-    marks = {registry.AGREES: "good", registry.DISAGREES: "bad"}
     rows = []
     for v in verdicts:
-        links = [html.link(name, runs[name]) if runs.get(name) else Markup.escape(name)
-                 for name in getattr(v, "evidence", ()) if name in runs]  # fmt: skip
-        statement = getattr(v, "says", "")  # chapter 6 has it in the field of the expected value
-        rows.append((html.strong(v.claim), v.item, statement, v.wanted, v.found, v.verdict,
-                     Markup(", ").join(links)))  # fmt: skip
-    head = ("Claim", "Thesis", "Says", "Wanted", "Found", "Verdict", "Runs")
-    return html.table(head, rows, marks=[marks.get(v.verdict, "so") for v in verdicts])
+        links = [
+            (html.link(name, target) if target else Markup.escape(name)) + f" {engine}"
+            for name, target, engine in _runs(v, entries, folder)
+        ]
+        rows.append((html.strong(v.claim.number), v.claim.item, v.claim.says, v.claim.rule_text,
+                     v.claim.since, v.text, v.verdict, Markup(", ").join(links)))  # fmt: skip
+    head = ("Claim", "Thesis", "Says", "Rule", "Rule of", "Found", "Verdict", "Runs")
+    return html.table(head, rows, marks=[MARKS.get(v.verdict, "so") for v in verdicts])
 
 
-def _row(v: Verdict, entries: dict[str, Entry], folder: Path) -> str:
-    runs = [f"{_linked(name, folder)} {entries[name].engine if entries[name].study else ''}".strip()
-            for name in v.evidence if name in entries]  # fmt: skip
-    cells = (v.claim, v.item, v.says, v.wanted, v.found, f"**{v.verdict}**", ", ".join(runs))
+def _row(v: Verdict, entries: Mapping[str, Entry], folder: Path) -> str:
+    runs = [f"[{name}]({target}) {engine}".strip() if target else f"{name} {engine}".strip()
+            for name, target, engine in _runs(v, entries, folder)]  # fmt: skip
+    cells = (v.claim.number, v.claim.item, v.claim.says, v.claim.rule_text, v.claim.since, v.text,
+             f"**{v.verdict}**", ", ".join(runs))  # fmt: skip
     return "| " + " | ".join(cells) + " |"
 
 
-def _linked(name: str, folder: Path) -> str:
-    target = _target(name, folder)
-    return f"[{name}]({target})" if target else name
+def _runs(v: Verdict, entries: Mapping[str, Entry], folder: Path) -> list[tuple[str, str, str]]:
+    """Name, page (empty without one) and engine of the runs of a claim."""
+    return [
+        (name, _target(name, folder), entries[name].physics)
+        for name in v.claim.evidence if name in entries
+    ]  # fmt: skip
 
 
 def _target(name: str, folder: Path) -> str:
@@ -152,24 +171,27 @@ def _target(name: str, folder: Path) -> str:
     return ""
 
 
-def _explained(verdicts: list[Verdict]) -> list[str]:
-    """Disagreements with their known explanation, and disagreements without explanation."""
-    against = [v for v in verdicts if v.verdict == registry.DISAGREES]
-    lines = ["## Disagreements", ""] if against else []
-    lines += [f"- **{v.claim}** {_why(v)}" for v in against]
-    return [*lines, ""]
+def _reasons(verdicts: Sequence[Verdict]) -> list[tuple[str, list[tuple[str, str]]]]:
+    """For each verdict but "agrees" its claims with their reason; then remarks on the rules."""
+    titles = {registry.DISAGREES: "Disagreements", registry.OPEN: "Open",
+              registry.HOLDS: "Hold by construction",
+              registry.ROBOT: "Cannot be judged without the robot"}  # fmt: skip
+    sections = [
+        (title, [(v.claim.number, v.reason) for v in verdicts if v.verdict == verdict])
+        for verdict, title in titles.items()
+    ]
+    notes = [(v.claim.number, v.claim.note or v.claim.exact) for v in verdicts
+             if v.claim.note or v.claim.exact]  # fmt: skip
+    return [(title, items) for title, items in [*sections, ("Remarks on rules", notes)] if items]
 
 
-def _why(verdict: Verdict | msd_claims.Verdict) -> str:
-    return getattr(verdict, "why", "") or "Open: not explained yet."
-
-
-def _csv(verdicts: list[Verdict], plan: str) -> str:
+def _csv(verdicts: Sequence[Verdict], entries: Mapping[str, Entry]) -> str:
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(("claim", "item", "wanted", "found", "verdict", "plan", "runs"))
-    writer.writerows(
-        (v.claim, v.item, v.wanted, v.found, v.verdict, plan, " ".join(v.evidence))
-        for v in verdicts
-    )
+    writer.writerow(("claim", "item", "rule", "rule of", "found", "verdict", "reason", "engine"))
+    for v in verdicts:
+        engines = sorted({entries[name].physics for name in v.claim.evidence if name in entries})
+        c = v.claim
+        row = (c.number, c.item, c.rule_text, c.since, v.text, v.verdict, v.reason)
+        writer.writerow((*row, " ".join(engines)))
     return text.getvalue()

@@ -4,16 +4,17 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Iterable
 from pathlib import Path
 
 from loco_control.exceptions import ParameterError
 from loco_control.files import check_writable
 from loco_learning.calibration.params import CalibrationParams
 from loco_learning.networks import jobs as msd_jobs
-from loco_learning.thesis import chapter5, chapter7, chapter8, evidence, registry
+from loco_learning.networks import results as msd_results
+from loco_learning.thesis import chapter5, chapter6, chapter7, chapter8, evidence, registry
 from loco_learning.thesis.evidence import Entry, Evidence
-from loco_learning.thesis.registry import Claim, Verdict
+from loco_learning.thesis.registry import Verdict
+from loco_sim.msd.params import PRESETS
 from loco_sim.msd.params import preset as known
 
 from ..calibrate import run as calibrator
@@ -24,7 +25,12 @@ from . import page
 # Parts of the thesis by name: prefixes of their claims' numbers.
 WHAT = {"tigrillo": ("5.",), "msd": ("6.",), "hyq": ("7.", "9."), "clock": ("8.",),
         "all": ("5.", "6.", "7.", "8.", "9.")}  # fmt: skip
-MEASURES = (chapter5, chapter7, chapter8)  # imported since these modules register their functions
+MEASURES = (
+    chapter5,
+    chapter6,
+    chapter7,
+    chapter8,
+)  # imported since these modules register their functions
 BAG, GAITS = "bags/surrogate_sine", ("bags/surrogate_bound", "bags/surrogate_walk")
 
 
@@ -67,8 +73,10 @@ def reproduce(
     if only_cost:
         return 0
     results = Evidence(entries, folder, _other_results(entries, folder))
-    verdicts = judge(claims, results)
-    written = page.write(verdicts, entries, results, plan, what, folder)
+    verdicts = [registry.judge(claim, results) for claim in claims]
+    drawn = page.thesis_figures(results, folder)
+    title, command = f"Claims of the thesis, {plan} plan", f"loco reproduce {what} --plan {plan}"
+    written = page.write(title, command, verdicts, drawn, entries, folder)
     return show(verdicts, written)
 
 
@@ -82,7 +90,7 @@ def _run(entry: Entry, folder: Path, workers: int, scheduler: str, only_cost: bo
     elif only_cost:
         console.print(f"{entry.name}: not timed; its own command tells its progress")
     elif entry.name == "msd":
-        _run_msd(entry.options["plan"], entry.options["preset"], folder, workers, scheduler)
+        _run_msd(entry, folder, workers, scheduler)
     else:
         options = CalibrationParams(generations=entry.options["generations"])
         job = calibrator.prepare(
@@ -98,42 +106,21 @@ def _other_results(entries: dict[str, Entry], folder: Path) -> dict:
     if (folder / "calibration" / calibrator.results.FILE).is_file():
         readers["calibration"] = lambda: calibrator.results.load(folder / "calibration")
     if "msd" in entries and (folder / "msd" / "runs").is_dir():
-        options = entries["msd"].options
-        names = options["plan"], options["preset"]
-        readers["msd"] = lambda: page.write_msd(*names, folder / "msd")[1]
+        readers["msd"] = lambda: _msd_results(entries["msd"], folder / "msd")
     return readers
-
-
-def judge(claims: Iterable[Claim], evidence: Evidence) -> list[Verdict]:
-    """Verdicts on claims; chapter 6 has its own functions."""
-    verdicts = []
-    for claim in claims:
-        if claim.measure != "msd":
-            verdicts.append(registry.judge(claim, evidence))
-            continue
-        try:
-            v = next(v for v in evidence.other("msd") if v.claim == claim.number)
-            explanation = claim.why if v.verdict == registry.DISAGREES else ""
-            cells = v.item, v.wanted, v.wanted, v.found, v.verdict
-            verdicts.append(Verdict(v.claim, *cells, claim.evidence, explanation))
-        except registry.NotRunError as error:
-            verdicts.append(
-                Verdict(claim.number, "", "", "", str(error), registry.OPEN, claim.evidence)
-            )
-    return verdicts
 
 
 def show(verdicts: list[Verdict], written: Path) -> int:
     """Print the verdicts and the path of their page; returns 0."""
     for v in verdicts:
-        statement = getattr(v, "says", "")  # chapter 6 has it in the field of the expected value
         lines = (
-            f"{v.claim:>5}  {v.verdict:<12} {statement or v.wanted}",
-            statement and f"       {v.wanted}",
-            f"       found: {v.found}",
+            f"{v.claim.number:>5}  {v.verdict}: {v.claim.says}",
+            f"       rule: {v.claim.rule_text}",
+            f"       found: {v.text}",
+            v.reason and f"       {v.reason}",
         )
         console.print("\n".join(filter(None, lines)))
-    console.print(f"{registry.tally(v.verdict for v in verdicts)}; page: {written}")
+    console.print(f"{registry.tally(verdicts)}; page: {written}")
     return 0
 
 
@@ -144,12 +131,15 @@ def reproduce_msd(
     known(preset)
     folder = folder or Path("results") / f"msd_{preset}_{plan}"
     check_writable(folder)
-    _run_msd(plan, preset, folder, workers, scheduler)
-    written, verdicts = page.write_msd(plan, preset, folder)
-    return show(verdicts, written)
+    entry = Entry("msd", options={"plan": plan, "preset": preset})
+    return show(*_run_msd(entry, folder, workers, scheduler))
 
 
-def _run_msd(plan: str, preset: str, folder: Path, workers: int, scheduler: str) -> None:
+def _run_msd(
+    entry: Entry, folder: Path, workers: int, scheduler: str
+) -> tuple[list[Verdict], Path]:
+    """Run the missing jobs of chapter 6; verdicts on its claims, and their page."""
+    plan, preset = entry.options["plan"], entry.options["preset"]
     with bar("{task.completed}/{task.total} runs", "{task.fields[last]}") as progress:
         task = progress.add_task(f"msd, {preset}", total=None, last="")
 
@@ -157,3 +147,15 @@ def _run_msd(plan: str, preset: str, folder: Path, workers: int, scheduler: str)
             progress.update(task, completed=done, total=total, last=name)
 
         msd_jobs.run(plan, preset, folder / "runs", workers, scheduler, show_progress)
+    loaded = _msd_results(entry, folder)
+    results = Evidence({"msd": entry}, folder, {"msd": lambda: loaded})
+    claims = [c for c in registry.claims() if c.number.startswith(WHAT["msd"])]
+    verdicts = [registry.judge(claim, results) for claim in claims]
+    title = f"Chapter 6, preset {preset} ({PRESETS[preset].about}), {plan} plan"
+    command = f"loco reproduce msd --plan {plan} --preset {preset}"
+    drawn = page.msd_figures(loaded, folder)
+    return verdicts, page.write(title, command, verdicts, drawn, {}, folder)
+
+
+def _msd_results(entry: Entry, folder: Path) -> msd_results.Results:
+    return msd_results.load(entry.options["plan"], entry.options["preset"], folder / "runs")
