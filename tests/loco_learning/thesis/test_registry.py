@@ -222,7 +222,7 @@ def test_a_number_outside_of_its_condition_leaves_a_claim_open(tmp_path):
     row = claim(tmp_path, valid={"rising": [0, 0.5]})
     numbers = {"a": np.linspace(1.2, 1.8, 5), "rising": 0.9}
     found = registry.decide(row, numbers)
-    assert (found.verdict, found.reason) == (OPEN, "Rising is not 0 to 0.5.")
+    assert (found.verdict, found.reason) == (OPEN, "Rising is 0.9, not 0 to 0.5.")
     assert registry.decide(row, numbers | {"rising": 0.1}).verdict == AGREES
 
 
@@ -238,6 +238,15 @@ def test_what_was_not_run_is_open(tmp_path):
     for claim in JUDGED:
         if claim.measure not in ("resonance", "operations", "force_filter"):
             assert registry.judge(claim, nothing).verdict == OPEN, claim.number
+
+
+def test_numbers_of_runs_are_kept_as_text():
+    numbers = {"a": np.array([1.0, 0.123456789, math.inf, math.nan]), "b": 3.0}
+    text = registry.as_json([registry.Verdict(CLAIMS["7.4"], "", OPEN, "", numbers)])
+    assert text == '{\n"7.4": {"a": [1, 0.123457, "inf", "nan"], "b": 3}\n}\n'
+    again = registry.from_json(text)["7.4"]
+    np.testing.assert_allclose(again["a"], numbers["a"], rtol=1e-5)
+    assert again["b"] == 3.0
 
 
 def test_verdicts_are_counted():

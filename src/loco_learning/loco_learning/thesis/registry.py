@@ -19,6 +19,7 @@ from __future__ import annotations
 
 import datetime
 import importlib.resources
+import json
 import math
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping
@@ -293,8 +294,10 @@ def decide(claim: Claim, numbers: Numbers) -> Verdict:
     if claim.robot:
         return Verdict(claim, text, ROBOT, claim.robot, numbers)
     for name, (low, high) in claim.valid.items():
-        if not low <= float(numbers.get(name, math.nan)) <= high:
-            reason = f"{_plain(name)} is not {Bound('value', low, high).text}."
+        value = float(numbers.get(name, math.nan))
+        if not low <= value <= high:
+            limits = Bound("value", low, high).text
+            reason = f"{_plain(name)} is {_text(value)}, not {limits}."
             return Verdict(claim, text, OPEN, reason.capitalize(), numbers)
     lacking, refuted = [], False
     for name, bound in claim.rule.items():
@@ -308,6 +311,34 @@ def decide(claim: Claim, numbers: Numbers) -> Verdict:
         return Verdict(claim, text, OPEN, "; ".join(lacking).capitalize() + ".", numbers)
     verdict, reason = (HOLDS, claim.holds) if claim.holds else (AGREES, "")
     return Verdict(claim, text, verdict, reason, numbers)
+
+
+def as_json(verdicts: Iterable[Verdict]) -> str:
+    """Numbers of each run by claim, one line each, to six digits; "nan" and "inf" are strings."""
+
+    def short(value: float) -> float | int | str:
+        rounded = float(f"{value:.6g}")
+        if not math.isfinite(rounded):
+            return str(rounded)
+        return int(rounded) if rounded == int(rounded) else rounded
+
+    lines = []
+    for v in verdicts:
+        lists = {k: [short(x) for x in value] if np.ndim(value) else short(value)
+                 for k, value in v.numbers.items()}  # fmt: skip
+        lines.append(f'"{v.claim.number}": {json.dumps(lists)}')
+    return "{\n" + ",\n".join(lines) + "\n}\n"
+
+
+def from_json(text: str) -> dict[str, Numbers]:
+    """Numbers by claim from the text of `as_json`."""
+    return {
+        claim: {
+            k: np.array([float(x) for x in value]) if isinstance(value, list) else float(value)
+            for k, value in numbers.items()
+        }
+        for claim, numbers in json.loads(text).items()
+    }
 
 
 def tally(verdicts: Iterable[Verdict]) -> str:
@@ -325,9 +356,10 @@ def _number_text(name: str, value: float | np.ndarray, bound: Bound | None) -> s
     """A number with its interval and its runs."""
     if np.ndim(value) == 0:
         return f"{_plain(name)} {_text(float(value))}"
-    kind, values = bound.kind if bound else "median", _finite(value)
+    values = _finite(value)
     if not len(values):
         return f"{_plain(name)} –"
+    kind = bound.kind if bound else "share" if set(values) <= {0.0, 1.0} else "median"
     low, high = COMPARISONS[kind](values)
     if math.isnan(low):
         low, high = _range(values)

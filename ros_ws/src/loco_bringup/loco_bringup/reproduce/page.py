@@ -5,7 +5,6 @@ from __future__ import annotations
 
 import csv
 import io
-import json
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -19,7 +18,6 @@ from loco_learning.drawing import png
 from loco_learning.drawing.chart import Chart
 from loco_learning.networks import page as msd_page
 from loco_learning.networks.results import Results
-from loco_learning.plain import plain
 from loco_learning.thesis import figures, registry
 from loco_learning.thesis.evidence import Entry, Evidence
 from loco_learning.thesis.registry import Verdict
@@ -83,8 +81,7 @@ def write(
     for figure in drawn:
         lines += [f"![{figure.caption}]({figure.file})", "", figure.caption, ""]
     write_whole(folder / "verdicts.csv", _csv(verdicts, entries))
-    numbers = {v.claim.number: plain(v.numbers) for v in verdicts}
-    write_whole(folder / "numbers.json", json.dumps(numbers, indent=1))
+    write_whole(folder / "numbers.json", registry.as_json(verdicts))
     write_whole(folder / "README.md", "\n".join(lines))
     return write_whole(
         folder / "thesis.html", page(title, command, verdicts, drawn, entries, folder)

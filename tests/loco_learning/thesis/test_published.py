@@ -1,0 +1,50 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Verdicts in the documentation are those of today's rules for the numbers that are kept there."""
+
+import csv
+import re
+from collections import Counter
+from pathlib import Path
+
+import pytest
+
+from loco_learning.thesis import registry
+from loco_learning.thesis.registry import OPEN, ROBOT
+
+DOCS = Path(__file__).parents[3] / "docs"
+FOLDERS = sorted(path.parent.relative_to(DOCS) for path in DOCS.glob("results/**/numbers.json"))
+CLAIMS = {claim.number: claim for claim in registry.claims()}
+
+
+def rows(folder):
+    return list(csv.DictReader((DOCS / folder / "verdicts.csv").read_text().splitlines()))
+
+
+def test_there_are_results_of_every_chapter():
+    chapters = {row["claim"].split(".")[0] for folder in FOLDERS for row in rows(folder)}
+    assert chapters == set("56789")
+
+
+@pytest.mark.parametrize("folder", FOLDERS, ids=str)
+def test_a_published_verdict_follows_from_its_numbers(folder):
+    numbers = registry.from_json((DOCS / folder / "numbers.json").read_text())
+    for row in rows(folder):
+        claim = CLAIMS[row["claim"]]
+        assert (row["rule"], row["rule of"]) == (claim.rule_text, claim.since), claim.number
+        if numbers.get(claim.number):
+            verdict = registry.decide(claim, numbers[claim.number])
+            assert (row["verdict"], row["found"]) == (verdict.verdict, verdict.text), claim.number
+        else:  # not run, or numbers of single runs were not kept
+            assert row["verdict"] == (ROBOT if claim.robot else OPEN), claim.number
+        assert row["reason"] or row["verdict"] == registry.AGREES
+
+
+def test_the_page_counts_the_published_verdicts():
+    """Each folder has a row with the numbers of its verdicts, in the order of `VERDICTS`."""
+    table = re.findall(r"\]\((results/[^)]*)/[^/)]*\)([^\n]*)", (DOCS / "thesis.md").read_text())
+    counted = {Path(folder): cells for folder, cells in table if cells.count("|") > 5}
+    assert sorted(counted) == FOLDERS
+    for folder, cells in counted.items():
+        counts = Counter(row["verdict"] for row in rows(folder))
+        numbers = [int(cell) for cell in cells.split("|")[-6:-1]]
+        assert numbers == [counts[verdict] for verdict in registry.VERDICTS], folder
