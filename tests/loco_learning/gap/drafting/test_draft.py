@@ -84,6 +84,7 @@ def test_turns_are_no_degrees_where_the_velocity_can_tell():
         (("a_joint", "b_joint"), ["q_0", "q_1", "q_cmd_0", "q_cmd_1"], ["a_joint", "b_joint"]),
         (("joint_2", "joint_1"), ["q1", "q2", "qd1_des", "qd2_des"], ["joint_1", "joint_2"]),
         (("lwr_joint1", "lwr_joint2"), ["q0", "q1", "dq0", "dq1"], ["lwr_joint1", "lwr_joint2"]),
+        (("finger1", "arm2", "arm1", "finger2", "arm3"), ["q3", "q2", "tau3", "tau2"], ["arm3", "arm2"]),
         (("hip", "knee"), ["pos.2", "pos.3"], []),  # not counted from 0 or 1
         (("hip", "knee"), ["imu_q1", "imu_q2"], []),  # of something else
         (("hip", "knee"), ["q1_2", "q2_2"], []),

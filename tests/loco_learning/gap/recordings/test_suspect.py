@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from loco_control.exceptions import ParameterError
-from loco_learning.gap.recordings import align, importing, mapping
+from loco_learning.gap.recordings import align, importing, lags, mapping, suspect
 from loco_learning.gap.recordings.tracks import Track
 
 DEGREE = 180.0 / np.pi
@@ -241,3 +241,12 @@ def test_torque_with_its_sign_or_of_a_loaded_joint_is_let_be(signals, hinge):
     loaded = with_torque(signals(), load=2.5)
     assert np.all(loaded[-1].x > 0.0)
     align.record("run", loaded, hinge)
+
+
+@pytest.mark.parametrize("value", [0.0, 0.9, -1e-3, 1e6])
+def test_a_constant_has_no_delay_and_no_ratio_to_anything(value):
+    """Also where its mean is rounded, as that of 8,005 times 0.9 is."""
+    wave, constant = np.sin(0.01 * np.arange(8005)), np.full(8005, value)
+    for pair in ((constant, wave), (wave, constant)):
+        assert lags.lag(*pair, 0.005) == (0.0, 0.0)
+        assert suspect.slope(*pair) == (1.0, 0.0)

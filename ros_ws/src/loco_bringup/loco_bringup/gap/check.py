@@ -163,7 +163,7 @@ def next_lines(
 ) -> list[str]:
     """Corrected files, what they leave out, and the next command; or the option for them."""
     left = [f"--fix leaves out: {one['fault']} of {', '.join(one['joints']) or 'the robot'}, as "
-            + ("several ways mend it: choose one" if one["others"] else "no line mends it")
+            + ("several ways mend it: choose one" if one["others"] else "no line surely mends it")
             for one in found["setup"] if not _sure(one)]  # fmt: skip
     if not fixed:
         return left + ["--fix writes these lines into new files"] * any(map(_sure, found["setup"]))

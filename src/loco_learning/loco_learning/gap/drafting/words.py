@@ -99,8 +99,9 @@ def number(name: str, joints: Sequence[str] = ()) -> int | None:
 def numbered(names: Sequence[str], joints: Sequence[str]) -> dict[int, str]:
     """Joint of each number in the names of columns.
 
-    It is the joint with this number in its name if there is one for each number; else the joints
-    are counted in their order, from 0 or from 1. Without joints, they are named by the numbers.
+    It is the joint with this number in its name if there is one for each number; of several groups
+    such as arm and fingers, the largest is meant. Else the joints are counted in their order, from
+    0 or from 1. Without joints, they are named by the numbers.
 
     Args:
         names: Names of all columns.
@@ -110,9 +111,13 @@ def numbered(names: Sequence[str], joints: Sequence[str]) -> dict[int, str]:
              if (i := number(name, joints)) is not None}  # fmt: skip
     if not joints:
         return {i: f"joint_{i}" for i in numbers}
-    last = {int(token): j for j in joints for token in words(j)[-1:] if token.isdigit()}
-    if len(last) == len(joints) and numbers <= set(last):
-        return last
+    groups: dict[tuple[str, ...], dict[int, str]] = {}  # by the words before the number
+    for joint in joints:
+        *prefix, last = words(joint) or [""]
+        if last.isdigit():
+            groups.setdefault(tuple(prefix), {})[int(last)] = joint
+    if groups and numbers <= set(largest := max(groups.values(), key=len)):
+        return largest
     first = min(numbers, default=0)
     return dict(enumerate(joints, first)) if first in (0, 1) else {}
 

@@ -74,7 +74,7 @@ def following(command: np.ndarray, q: np.ndarray, dt: float) -> float:
         Correlation in [-1, 1]; 1 if one of the two hardly moves, so that nothing can be said.
     """
     valid = np.isfinite(q) & np.isfinite(command)
-    if valid.sum() < 20 or np.ptp(command[valid]) < 1e-9:
+    if valid.sum() < 20 or is_constant(command[valid]):
         return 1.0
     a = command - np.mean(command[valid])
     b = bridged(np.where(valid, q, np.nan)) - np.mean(q[valid])
@@ -93,6 +93,11 @@ def rates(x: np.ndarray, dt: float) -> np.ndarray:
     return slope
 
 
+def is_constant(x: np.ndarray) -> bool:
+    """Whether values differ by no more than the rounding of their mean."""
+    return bool(np.ptp(x) <= 1e-9 * np.max(np.abs(x)))
+
+
 def lag(
     first: np.ndarray, second: np.ndarray, dt: float, sharp: float = SHARP
 ) -> tuple[float, float]:
@@ -105,9 +110,9 @@ def lag(
     if valid.sum() < 20:
         return 0.0, 0.0
     inner = slice(int(np.argmax(valid)), len(valid) - int(np.argmax(valid[::-1])))
-    a, b = (np.where(valid, x - np.mean(x[valid]), 0.0)[inner] for x in (first, second))
-    if not np.any(a) or not np.any(b):
+    if is_constant(first[valid]) or is_constant(second[valid]):
         return 0.0, 0.0
+    a, b = (np.where(valid, x - np.mean(x[valid]), 0.0)[inner] for x in (first, second))
     reach = min(int(LONGEST_LAG / dt), len(a) // 3)
     score = _correlation(a, b, reach)
     best = int(np.argmax(score))

@@ -18,6 +18,7 @@ from loco_sim.robot.description import Description
 from loco_sim.robot.robot import Robot
 
 from ..setup.finding import MAPPING, OFFSET, SCALE, SIGN, UNIT, Change, Finding
+from .lags import is_constant
 from .record import Record, spacing
 from .tracks import Track
 from .units import TURN, factor
@@ -132,13 +133,11 @@ def _of_unit(
 def slope(x: np.ndarray, y: np.ndarray) -> tuple[float, float]:
     """Ratio of the standard deviations of y and x, signed by their correlation; correlation."""
     valid = np.isfinite(x) & np.isfinite(y)
-    if valid.sum() < 20:
+    x, y = x[valid], y[valid]
+    if valid.sum() < 20 or is_constant(x) or is_constant(y):
         return 1.0, 0.0
-    x, y = x[valid] - np.mean(x[valid]), y[valid] - np.mean(y[valid])
-    size = float(np.sqrt(np.sum(x * x) * np.sum(y * y)))
-    if size == 0.0:
-        return 1.0, 0.0
-    correlation = float(np.sum(x * y)) / size
+    x, y = x - np.mean(x), y - np.mean(y)
+    correlation = float(np.sum(x * y) / np.sqrt(np.sum(x * x) * np.sum(y * y)))
     return float(np.copysign(np.std(y) / np.std(x), correlation)), correlation
 
 
