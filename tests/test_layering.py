@@ -22,7 +22,7 @@ FOLDERS = {
 # What each package may import besides the standard library and itself.
 ALLOWED = {
     "loco_control": {"numpy", "numba", "yaml"},
-    "loco_sim": {"loco_control", "numpy", "numba", "llvmlite", "scipy", "yaml", "PIL", "trimesh"},
+    "loco_sim": {"loco_control", "numpy", "numba", "llvmlite", "scipy", "yaml", "PIL"},
     "loco_learning": {
         *("loco_control", "loco_sim"),
         *("numpy", "numba", "scipy", "cma", "distributed", "yaml", "matplotlib"),

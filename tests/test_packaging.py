@@ -146,7 +146,6 @@ ROSDEP = {
 ONLY_PIP = {
     "dynamixel_sdk",
     *("gymnasium", "stable_baselines3", "torch"),
-    "trimesh",
     "mujoco",
     "mkdocs",
     "rerun",
@@ -217,6 +216,47 @@ def test_parts_of_a_lock_file_are_all_of_it_and_share_no_package():
     places = [{n for n, p in enumerate(parts) if re.search(rf"(?m)^{name}", p)}
               for name in ("mujoco", "numpy", "mcap")]  # fmt: skip
     assert all(len(place) == 1 for place in places)
+
+
+INSTALLER = """#!/bin/sh
+name=${0##*/}
+echo "$name $*" >>"$CALLS"
+case "$name $*" in
+*" config list") echo "$CONFIG" ;;
+"uv "*) exit "$UV" ;;
+*"part2.txt") exit "$PIP" ;;
+esac
+"""
+
+
+@pytest.mark.parametrize(
+    ("config", "uv", "pip", "code", "uvs", "parts"),
+    [
+        ("global.timeout='9'", 0, 0, 0, 1, 0),
+        ("global.timeout='9'", 2, 0, 0, 1, 4),  # uv fails: pips
+        ("global.timeout='9'", 2, 1, 1, 1, 4),
+        ("global.index-url='file:///mine'", 0, 0, 0, 0, 4),  # which uv would not ask
+        (":env:.proxy='here'", 0, 0, 0, 0, 4),
+    ],
+)
+def test_uv_installs_and_pips_where_it_cannot(
+    tmp_path, monkeypatch, config, uv, pip, code, uvs, parts
+):
+    for name in ("python", "uv"):
+        (tmp_path / name).write_text(INSTALLER)
+        (tmp_path / name).chmod(0o755)
+    told = {"CALLS": tmp_path / "calls", "CONFIG": config, "UV": uv, "PIP": pip}
+    for name, value in told.items():
+        monkeypatch.setenv(name, str(value))
+    monkeypatch.setattr("sys.executable", str(tmp_path / "python"))
+    install = runpy.run_path(str(ROOT / "requirements/install.py"))
+    assert install["main"](ROOT / "requirements/lock.txt") == code
+    calls = (tmp_path / "calls").read_text().splitlines()
+    ways = [call for call in calls if call.endswith("lock.txt --no-progress")]
+    assert len(ways) == uvs and all(f"--python {tmp_path}/python" in way for way in ways)
+    pips = [call for call in calls if re.search(r"part\d\.txt$", call)]
+    assert len(pips) == parts
+    assert all("--require-hashes --no-deps" in call for call in ways + pips)
 
 
 def test_no_package_index_is_named():

@@ -32,6 +32,7 @@ from .node import LocoNode
 
 log = logging.getLogger(__name__)
 
+_USUAL_COLLECTION = gc.get_threshold()  # numbers of new objects
 _CHECK_PERIOD = 0.2  # wall time between two checks for a signal [s]
 _SLICE = 5.0  # longest wait in C++ [s]
 # Wake this long before a deadline, then poll the clock, since waking takes 0.05 ms [s].
@@ -147,6 +148,7 @@ def _prepare(nodes: Sequence[LocoNode]) -> None:
     """
     gc.collect()
     gc.freeze()
+    gc.set_threshold(*_USUAL_COLLECTION)  # `composed` collects rarely until here
     for params in {node.realtime for node in nodes}:
         granted = realtime.prepare(params)
         for line in granted:

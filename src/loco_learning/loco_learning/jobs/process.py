@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import contextlib
+import gc
 import multiprocessing
 import os
 import signal
@@ -87,5 +88,6 @@ def _outlive(parent: BaseProcess) -> None:
 
 def _live(pipe: Connection, work: Callable[..., None], arguments: tuple) -> None:
     end_with_parent()
+    gc.set_threshold(50_000)  # as in `cli.main`
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     work(pipe, *arguments)

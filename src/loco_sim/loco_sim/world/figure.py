@@ -14,11 +14,11 @@ from math import ceil, floor
 from pathlib import Path
 
 import numpy as np
-import trimesh
 from numba import njit
 
 from ..geometry import Triple, rotation_matrix
 from ..mesh_files import mesh_path
+from ..meshes import solids
 from ..meshes.read import read_mesh
 from ..robot.frames import link_frames, origin_of
 from ..robot.robot import Robot
@@ -130,17 +130,18 @@ def _sticks(root: ET.Element) -> Iterator[tuple[str, np.ndarray]]:
     for link in root.findall("link"):
         if (mass := mass_of(link)) > 0.0:
             centre = origin_of(link.find("inertial"))[1]
-            ball = trimesh.creation.icosphere(2, (3.0 * mass / (4.0 * np.pi * WATER)) ** (1 / 3))
-            yield link.get("name", ""), ball.triangles + centre
+            radius = (3.0 * mass / (4.0 * np.pi * WATER)) ** (1 / 3)
+            yield link.get("name", ""), solids.capsule(radius) + centre
             if np.linalg.norm(centre) > THIN:
                 yield link.get("name", ""), _stick(centre)
 
 
 def _stick(end: np.ndarray) -> np.ndarray:
     """Triangles of a thin cylinder from the origin to a point [m], (t, 3, 3)."""
-    radius = max(0.04 * float(np.linalg.norm(end)), THIN)
-    segment = np.array([np.zeros(3), end])
-    return trimesh.creation.cylinder(radius, segment=segment, sections=12).triangles
+    length = float(np.linalg.norm(end))
+    across = np.linalg.svd(end[None])[2][1:]  # two unit vectors that are orthogonal to it
+    stick = solids.cylinder(max(0.04 * length, THIN), length, sections=12)
+    return stick @ np.array([*across, end / length]) + 0.5 * end
 
 
 def _triangles(shape: ET.Element, folder: Path) -> np.ndarray:
@@ -159,17 +160,16 @@ def _mesh(kind: ET.Element, folder: Path) -> np.ndarray | None:
     def number(key: str) -> float:
         return float(kind.get(key, "0"))
 
-    create = trimesh.creation
     if kind.tag == "box":
-        return create.box([float(v) for v in kind.get("size", "0 0 0").split()]).triangles
+        return solids.box([float(v) for v in kind.get("size", "0 0 0").split()])
     if kind.tag == "sphere" and number("radius") == 0.0:  # a point, used as a toe
         return None
     if kind.tag == "sphere":
-        return create.icosphere(2, number("radius")).triangles
+        return solids.capsule(number("radius"))
     if kind.tag == "cylinder":
-        return create.cylinder(number("radius"), number("length"), sections=24).triangles
+        return solids.cylinder(number("radius"), number("length"))
     if kind.tag == "capsule":
-        return create.capsule(number("length"), number("radius")).triangles
+        return solids.capsule(number("radius"), number("length"))
     if kind.tag != "mesh":
         return None
     name = kind.get("filename", "")

@@ -4,16 +4,18 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from markupsafe import Markup
 
-from loco_learning.gap.localisation.curves import Curves
 from loco_learning.gap.localisation.errors import error_rows
 
 from ..page import html
 from ..page.html import table
 from . import text
+
+if TYPE_CHECKING:
+    from loco_learning.gap.localisation.curves import Curves
 
 Result = Mapping[str, Any]
 MOST = 12  # largest number of rows in the table of cells

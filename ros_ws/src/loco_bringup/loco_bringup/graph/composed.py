@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import gc
 import importlib
 import os
 import signal
@@ -19,6 +20,7 @@ def main() -> None:
     The parent process removes leftovers in shared memory. If the parent has died, each process
     is replaced by one that cleans up (`shm`), so that it no longer uses these files itself.
     """
+    gc.set_threshold(50_000)  # as in `cli.main`, until the nodes are prepared
     orphaned: list[int] = []  # SIGTERM means that the parent died; a live one sends SIGINT
     signal.signal(signal.SIGTERM, lambda number, frame: orphaned.append(number))
     split = sys.argv.index("--ros-args") if "--ros-args" in sys.argv else len(sys.argv)

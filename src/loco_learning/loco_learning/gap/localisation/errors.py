@@ -11,10 +11,12 @@ from __future__ import annotations
 import zlib
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from .curves import Curve, Curves
+if TYPE_CHECKING:
+    from .curves import Curve, Curves
 
 BLOCKS = 20  # blocks of a record
 DRAWS = 400
