@@ -27,6 +27,7 @@ def result(model, verdict, effects):
     return {
         **{key: [] for key in stages.LISTS},
         "verdict": verdict, "names": [e["name"] for e in effects], "evidence": f"{verdict}.",
+        "probability": {"effects": {e["name"]: 0.97 for e in effects}},
         "gap": {"before": 2.0}, "terms": [{"effect": e["name"]} for e in effects],
         "model": {"robot": model.robot, "overrides": dict(model.overrides),
                   "effects": [*model.effects, *effects]},
@@ -64,6 +65,8 @@ def test_the_air_comes_first_and_the_ground_on_top_of_it(searched):
     assert made == [([], ["air"], []), ([RUBS], ["walk"], ["trot"])]
     assert found["verdict"] == "named"
     assert found["names"] == ["coulomb_friction", "payload"]
+    told = [stage["probability"]["effects"] for stage in found["stages"]]
+    assert told == [{"coulomb_friction": 0.97}, {"payload": 0.97}] and not found["probability"]
     assert found["model"]["effects"] == [RUBS, LOAD]
     assert [s["where"] for s in found["stages"]] == [stages.AIR, stages.GROUND]
     assert kept[-1] == found  # what is on disk first is no less than what is said in the end

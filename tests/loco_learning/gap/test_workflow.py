@@ -38,6 +38,7 @@ def test_nothing_planted_is_no_gap(found):
     gap = found()
     assert (gap["verdict"], gap["names"], gap["terms"]) == ("no gap", [], [])
     assert gap["model"]["effects"] == []
+    assert (gap["probability"]["verdict"], gap["probability"]["effects"]) == ("no gap", {})
 
 
 @pytest.mark.parametrize(
@@ -54,6 +55,9 @@ def test_what_was_planted_is_named_with_its_size_and_place(found, effect, parame
     assert term["parameters"][parameter]["unit"] == unit
     assert gap["gap"]["closed"] > 0.9
     assert gap["model"]["effects"][0]["name"] == effect
+    beside = gap["probability"]
+    assert (beside["verdict"], beside["names"], beside["ambiguous"]) == ("named", [effect], [])
+    assert beside["effects"][effect] > 0.95 and beside["places"]["slide"] > 0.95
 
 
 def test_of_two_effects_both_are_named(slide):

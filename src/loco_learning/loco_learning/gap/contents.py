@@ -24,6 +24,8 @@ from .prediction import horizon
 from .prediction.case import Case
 from .prediction.channels import ON_SLIDES, Channel, slides
 from .prediction.nominal import written
+from .probability import verdict as by_probability
+from .probability.weights import weigh
 from .proposals.following import following
 from .recordings.record import Doubt, Record
 from .statistics import evidence, identify
@@ -75,6 +77,7 @@ def contents(
             "verdict": decision.verdict,
             "evidence": decision.evidence,
             "names": list(decision.names),
+            "probability": probability(case, judged, params),
             "terms": in_metres(terms(judged), case.forward.channels) if with_gap else [],
             "rivals": rivals(judged) if with_gap else [],
             "over_settings": [row.plain for row in judged.over_settings],
@@ -102,6 +105,14 @@ def contents(
             **EMPTY,
         }
     )
+
+
+def probability(case: Case, judged: Judged, params: GapParams) -> dict[str, Any]:
+    """The verdict by probabilities, beside that of the rules."""
+    weights, forward = weigh(judged.models, params.seed), case.forward
+    enough = params.accuracy * np.nanstd(np.concatenate(forward.measured), axis=0) / case.floor
+    sliding = slides(forward.channels)
+    return by_probability.statement(weights, judged.given, judged.base, sliding, enough)
 
 
 def doubts(records: Sequence[Record]) -> list[str]:

@@ -16,6 +16,7 @@ from .recordings.record import Record
 from .verdict.decide import AMBIGUOUS, MORE, NAMED, NO_GAP, UNKNOWN
 
 AIR, GROUND = "in the air", "on the ground"
+SHOWN = ("verdict", "names", "probability", "evidence", "gap")
 LISTS = ("alarms", "align", "reading", "notes", "not_tried", "rivals", "ambiguous", "kinds",
          "terms", "over_settings")  # fmt: skip
 
@@ -49,6 +50,8 @@ def after(model: Model, air: Mapping[str, Any]) -> Model:
 def joined(air: Mapping[str, Any], ground: Mapping[str, Any]) -> dict[str, Any]:
     """Contents of ``gap.json`` of both stages; all numbers of the gap are those on the ground.
 
+    Each stage has probabilities of its own.
+
     Args:
         air: Contents for the records in the air.
         ground: Contents for those on the ground, from the model with the effects of the air.
@@ -59,9 +62,10 @@ def joined(air: Mapping[str, Any], ground: Mapping[str, Any]) -> dict[str, Any]:
         **lists,
         "verdict": _both(air["verdict"], ground["verdict"]),
         "names": sorted({*air["names"], *ground["names"]}),
+        "probability": {},
         "evidence": f"In the air: {air['evidence']} On the ground: {ground['evidence']}",
         "stages": [
-            {"where": where, **{key: one[key] for key in ("verdict", "names", "evidence", "gap")}}
+            {"where": where, **{key: one[key] for key in SHOWN}}
             for where, one in ((AIR, air), (GROUND, ground))
         ],
     }

@@ -81,6 +81,9 @@ def markdown(
     if later is not None:
         parts.append("The same " + AFTER + ", where the verdict was ambiguous:")
         parts.append(table(*rates(later)))
+    if figures["by probability"]["cases"]:
+        parts.append("## Verdicts by probabilities, on the same searches")
+        parts.append(table(*probabilities(figures["by probability"])))
     parts.append("## Held-out error, in noise floors")
     parts.append(table(*held_out(figures["held-out error"])))
     parts.append("## Cases")
@@ -99,6 +102,13 @@ def rates(figures: Mapping[str, Any]) -> tuple[tuple[str, ...], list[tuple[str, 
         for name, rate in figures[group].items()
     ]
     return ("", *RATES), rows
+
+
+def probabilities(values: Mapping[str, Any]) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
+    """Head and rows of the table of verdicts by probabilities."""
+    return ("figure", "value"), [
+        (name, str(v) if name == "cases" else number(v)) for name, v in values.items()
+    ]
 
 
 def held_out(found: Mapping[str, Any]) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:

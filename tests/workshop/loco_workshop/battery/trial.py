@@ -33,7 +33,7 @@ from .physics import machines
 from .physics.machines import Machine
 from .score import SURE
 
-KEPT = ("verdict", "names", "terms", "rivals", "ambiguous", "gap", "next")
+KEPT = ("verdict", "names", "probability", "terms", "rivals", "ambiguous", "gap", "next")
 HELD = "hold_out"
 WINDOWS, JUDGES, ACCURACIES = (0.0, 0.5, 2.0), (HELD, "fit_chirp", "fit_steps"), (0.0, 0.01, 0.03)
 # The first value is the default of every search.

@@ -41,6 +41,7 @@ def contents(
     return plain(
         {
             **empty,
+            "probability": {},
             "format": FORMAT,
             "verdict": SETUP,
             "evidence": EVIDENCE,

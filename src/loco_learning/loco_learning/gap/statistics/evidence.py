@@ -26,6 +26,8 @@ from scipy.special import gammaln, logsumexp, ndtri, stdtrit
 NU = 5.0  # degrees of freedom of the density
 LIMIT = 1e5  # [floors] largest whitened residual, and that of a model that diverged
 FEW, MANY = 8, 32  # smallest and largest number of blocks in all records
+SURE_RATIO = 2.0  # rms of two models from which on few blocks are no reason for doubt
+ALIKE = 16  # blocks of all records that are the same for all models
 MOST_ODDS = 1e9
 LEAST_FREEDOM = 4.0  # degrees of freedom of Student's law for intervals from few blocks
 TOLERANCE = 0.3  # [floors] slow error that any model is allowed to have
@@ -277,6 +279,75 @@ def odds(gain: float, spread: float) -> float:
     return float(np.clip(math.exp(np.clip(power, -700.0, 700.0)), 1.0 / MOST_ODDS, MOST_ODDS))
 
 
+def log_weights(
+    scores: Sequence[Score],
+    first: int,
+    prices: Sequence[float],
+    rng: np.random.Generator,
+    draws: int = 1000,
+) -> np.ndarray:
+    """Logarithm of the weight of each model over that of one of them [nat], (M,).
+
+    Pseudo-BMA weights with the bootstrap (Yao and others 2018): of each bootstrap sample of blocks,
+    which is the same for all models, the weights are those of the likelihoods; their mean counts.
+    Between two equal models, one is better in every one of k independent pieces with probability
+    ``2^-k``: the weights are limited accordingly. Noise of unknown size is ``ratio^k`` times less
+    probable in a model with a residual larger by a ratio: from `SURE_RATIO` on, the larger counts.
+
+    Args:
+        scores: Residuals of models on the same data, M of them.
+        first: Index of the model to which all are compared, preferably the best.
+        prices: Penalty of each for parameters that the first lacks [nat], (M,).
+        rng: Source of the resampling.
+        draws: Bootstrap samples.
+    """
+    pairs = [_common(scores[first], s) for s in scores]
+    sums, pieces, wide = (np.array(x) for x in zip(*pairs, strict=True))
+    count, prices = sums.shape[1], np.asarray(prices, dtype=float)
+    sign = np.where(sums.sum(1) > 0.0, 1.0, -1.0)
+    ratio, total = np.array([
+        _ratios(*((scores[first], s) if up > 0.0 else (s, scores[first])))
+        for s, up in zip(scores, sign, strict=True)
+    ]).T  # fmt: skip
+    index = rng.choice(count, (draws, count))
+    few = stdtrit(max(count - 1.0, LEAST_FREEDOM), 0.975) / ndtri(0.975)
+    low, high = np.minimum(-prices, 0.0), np.maximum(-prices, 0.0)
+    results, most = [], math.log(BLOCK_IS_WON)
+    for x in (sums, np.clip(sums, -most, most)):
+        gain = x.sum(1)
+        drawn = x[:, index].sum(2) - gain[:, None]
+        power = -(gain + prices)[:, None] + CAUTION * few * wide[:, None] * drawn  # (M, draws)
+        logs = logsumexp(power - logsumexp(power, axis=0), axis=1)
+        k = np.minimum(np.square(np.abs(x).sum(1)) / np.fmax(np.square(x).sum(1), 1e-300), pieces)
+        logs = np.clip(logs - logs[first], low - k * np.log(ratio), high + k * np.log(ratio))
+        by_size = np.where(total >= SURE_RATIO, -sign * k * np.log(total) - prices, 0.0)
+        larger = (sign * by_size < 0.0) & (sign * by_size < sign * logs)
+        results.append(np.where(larger, by_size, logs))
+    sizes, wins = results
+    return np.where((sizes * wins > 0.0) & (np.abs(wins) > np.abs(sizes)), wins, sizes)
+
+
+def _common(a: Score, b: Score) -> tuple[np.ndarray, float, float]:
+    """Gain of `a` over `b` in blocks that do not depend on `b`, the independent pieces, and width.
+
+    The width is the factor on the spread of blocks that are too short to be independent.
+    """
+    ticks, times = _gains(a, b)
+    length = max(sum(map(len, ticks)) / ALIKE, 1.0)
+    parts = [np.array_split(each, max(1, round(len(each) / length))) for each in ticks if len(each)]
+    pairs = [(each, long) for each, long in zip(ticks, times, strict=True) if len(each)]
+    pieces = sum(len(each) / long for each, long in pairs)
+    wide = max(1.0, *(2.0 * long / length for _, long in pairs))
+    return np.array([part.sum() for each in parts for part in each]), pieces, math.sqrt(wide)
+
+
+def _ratios(better: Score, worse: Score) -> tuple[float, float]:
+    """Ratios of the rms of two models: the largest of a channel, at least 2, and of all data."""
+    small, large = (np.fmax(by_channel(s.residuals), 1.0) for s in (better, worse))
+    whole = max(worse.rms, 1.0) / max(better.rms, 1.0)
+    return max(2.0, float(np.max(large / small))), whole
+
+
 def _noise(scores: Sequence[Score]) -> tuple[np.ndarray, np.ndarray]:
     """Scale (C,) and correlation time (R, C) of the residual of the best model in each channel."""
     power = np.array([_power(s.residuals) for s in scores])
@@ -310,6 +381,20 @@ def _blocks(a: Score, b: Score) -> tuple[np.ndarray, float]:
 
     Blocks are longer than the correlation time of the gain, as long as there are a few of them.
     """
+    ticks, times = _gains(a, b)
+    total = sum(map(len, ticks))
+    sums, pieces = [], 0.0
+    for each, long in zip(ticks, times, strict=True):
+        if len(each):
+            length = np.clip(2.0 * long, total / MANY, total / FEW)
+            parts = np.array_split(each, max(1, round(len(each) / length)))
+            sums += [float(part.sum()) for part in parts if len(part)]
+            pieces += len(each) / long
+    return np.array(sums), pieces
+
+
+def _gains(a: Score, b: Score) -> tuple[list[np.ndarray], list[float]]:
+    """Gain of `a` over `b` in each measured row [nat], (T,) per record, and correlation times."""
     scale, tau = _noise((a, b))
     seen = [np.isfinite(r).any(1) for r in a.residuals]
     total = sum(int(rows.sum()) for rows in seen)
@@ -319,16 +404,11 @@ def _blocks(a: Score, b: Score) -> tuple[np.ndarray, float]:
     pairs = zip(_ticks(a.residuals, scale, wide), _ticks(b.residuals, scale, wide), strict=True)
     ticks = [(x - y)[rows] for (x, y), rows in zip(pairs, seen, strict=True)]
     mean = sum(float(x.sum()) for x in ticks) / max(total, 1)
-    sums, pieces = [], 0.0
+    times = []
     for each, taus, count in zip(ticks, tau, counts, strict=True):
-        if len(each):
-            rows = taus * len(each) / np.maximum(count, 1)
-            long = max(correlation_time(each - mean), float(np.median(rows)))
-            length = np.clip(2.0 * long, total / MANY, total / FEW)
-            parts = np.array_split(each, max(1, round(len(each) / length)))
-            sums += [float(part.sum()) for part in parts if len(part)]
-            pieces += len(each) / long
-    return np.array(sums), pieces
+        rows = taus * len(each) / np.maximum(count, 1)
+        times.append(max(correlation_time(each - mean), float(np.median(rows))))
+    return ticks, times
 
 
 def _ticks(records: Sequence[np.ndarray], scale: np.ndarray, tau: np.ndarray) -> list[np.ndarray]:

@@ -78,6 +78,7 @@ class Judged:
         alarms: Implausible parameters and values, a sentence each.
         over_settings: Answers under other splits, stretches and floors, if an effect was named.
         asked: Whether the user declared values of the robot as free or uncertain.
+        models: All models that were fitted, the best fit of each.
     """
 
     decision: Decision
@@ -91,6 +92,7 @@ class Judged:
     alarms: tuple[str, ...] = ()
     over_settings: tuple[stable.Row, ...] = ()
     asked: bool = False
+    models: tuple[Fitted, ...] = ()
 
     @property
     def after(self) -> Fitted:
@@ -118,9 +120,11 @@ def judge(case: Case, search: Search, found: Found, limits: Limits = LIMITS) -> 
     base = found.base
     nominal = Nominal(search.nominal, search.params.free_spread)
     sufficient, result = search.adequate(base), None
+    fits = {"": base} | {model.key: model for model in reversed(found.models)}
     if found.models:
         comparison = _Judgement(case, search, found, nominal)
         result = comparison.run(limits)
+        fits |= comparison.done
         needed = result.decision.verdict in (NAMED, MORE, AMBIGUOUS)
         if sufficient and not (needed and comparison.beats(result.best, base, limits)):
             result = None
@@ -137,7 +141,7 @@ def judge(case: Case, search: Search, found: Found, limits: Limits = LIMITS) -> 
         table = tuple(stable.rows(search, result.best, base, alternatives, search.params.seed))
         decision = stable.downgraded(result.decision, table)
         result = replace(result, decision=decision, over_settings=table)
-    result = replace(result, asked=search.asked)
+    result = replace(result, asked=search.asked, models=tuple(fits.values()))
     refitted = [*search.nominal, *little_off(case, base)]
     no_gap = result.decision.verdict == NO_GAP
     if refitted and sufficient and no_gap and has_gap(found.given.whole, limits):
