@@ -77,6 +77,7 @@ def test_a_slip_is_seen_at_the_lag_that_the_error_found():
     )
     found = MEASURES["slip_is_seen"](Other(replace(made_result(), comparisons=(result,))))
     assert found["calibrated"] == pytest.approx(1.0) and found["default"] < 0.5
+    assert found["searches"] == len(made_result().fits)
 
 
 def test_a_bound_that_transfers_is_as_steep_as_the_robot():

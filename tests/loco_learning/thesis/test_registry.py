@@ -65,7 +65,7 @@ def contrary(name, bound):
 
 def made(claim, **changes):
     """Numbers with which a claim agrees, from many runs; other values by name."""
-    numbers = {key: (low + high) / 2.0 for key, (low, high) in claim.valid.items()}
+    numbers = {key: within(key, Bound("value", *limits)) for key, limits in claim.valid.items()}
     for name, bound in claim.rule.items():
         numbers[name] = drawn(bound, changes.get(name, within(name, bound)))
     return numbers
@@ -116,7 +116,7 @@ def test_fewer_runs_than_the_rule_requires_leave_a_claim_open(claim):
             few = drawn(bound, within(name, bound))[: claim.runs - 1]
         found = registry.decide(claim, numbers | {name: few})
         assert found.verdict == OPEN
-        assert found.reason.lower().startswith(name.replace("_", " ").lower())
+        assert found.reason.startswith("Number " + name.replace("_", " "))
 
 
 def test_claims_that_are_not_judged_by_runs_say_why():
@@ -222,7 +222,7 @@ def test_a_number_outside_of_its_condition_leaves_a_claim_open(tmp_path):
     row = claim(tmp_path, valid={"rising": [0, 0.5]})
     numbers = {"a": np.linspace(1.2, 1.8, 5), "rising": 0.9}
     found = registry.decide(row, numbers)
-    assert (found.verdict, found.reason) == (OPEN, "Rising is 0.9, not 0 to 0.5.")
+    assert (found.verdict, found.reason) == (OPEN, "Number rising is 0.9, not 0 to 0.5.")
     assert registry.decide(row, numbers | {"rising": 0.1}).verdict == AGREES
 
 

@@ -68,7 +68,8 @@ def slip_is_seen(evidence: Evidence) -> Numbers:
     Each model is compared at its lag from the windowed error: the slip lasts a tenth of a second,
     and a robot with a delay of the commands has it at another phase.
     """
-    comparison = evidence.other("calibration").comparisons[0]
+    result = evidence.other("calibration")
+    comparison = result.comparisons[0]
 
     def likeness(name: str, lag: float) -> float:
         robot, model = comparison.curves["robot"][:, 0], comparison.curves[name][:, 0]
@@ -76,7 +77,8 @@ def slip_is_seen(evidence: Evidence) -> Numbers:
         return float(np.corrcoef(robot, np.roll(model, rows))[0, 1])
 
     return {"default": likeness("default", comparison.lag_before),
-            "calibrated": likeness("calibrated", comparison.lag_after)}  # fmt: skip
+            "calibrated": likeness("calibrated", comparison.lag_after),
+            "searches": float(len(result.fits))}  # fmt: skip
 
 
 @measure

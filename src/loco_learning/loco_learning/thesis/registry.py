@@ -297,8 +297,8 @@ def decide(claim: Claim, numbers: Numbers) -> Verdict:
         value = float(numbers.get(name, math.nan))
         if not low <= value <= high:
             limits = Bound("value", low, high).text
-            reason = f"{_plain(name)} is {_text(value)}, not {limits}."
-            return Verdict(claim, text, OPEN, reason.capitalize(), numbers)
+            reason = f"Number {_plain(name)} is {_text(value)}, not {limits}."
+            return Verdict(claim, text, OPEN, reason, numbers)
     lacking, refuted = [], False
     for name, bound in claim.rule.items():
         agrees, lack = _compared(bound, _finite(numbers.get(name, math.nan)), claim.runs)
@@ -308,7 +308,7 @@ def decide(claim: Claim, numbers: Numbers) -> Verdict:
     if refuted:
         return Verdict(claim, text, DISAGREES, claim.why or "Not explained yet.", numbers)
     if lacking:
-        return Verdict(claim, text, OPEN, "; ".join(lacking).capitalize() + ".", numbers)
+        return Verdict(claim, text, OPEN, "Number " + "; ".join(lacking) + ".", numbers)
     verdict, reason = (HOLDS, claim.holds) if claim.holds else (AGREES, "")
     return Verdict(claim, text, verdict, reason, numbers)
 
