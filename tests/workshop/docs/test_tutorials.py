@@ -1,39 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """Tutorials run as they are printed, in a folder with nothing but what they write down."""
 
-import re
-import subprocess
-import sys
-
 import pytest
 
-from loco_bringup.graph.processes import _environment
+from loco_workshop.docs.tutorials import follow
 
 pytestmark = [pytest.mark.ros, pytest.mark.xdist_group("graph")]
-
-# A file that the text names, with its block, or commands; in the order of the page.
-BLOCK = re.compile(r"[Aa]s\s`([\w./]+)`:\n\n```\w+\n(.*?)^```|^```sh\n(.*?)^```", re.S | re.M)
-
-
-def follow(page, folder, changes=None):
-    """Type a page into a folder; yields what each block of commands said."""
-    text = page.read_text()
-    for old, new in (changes or {}).items():
-        text = text.replace(old, new)
-    (folder / "loco").write_text(
-        f'#!/bin/sh\nexec {sys.executable} -m loco_bringup.cli.main "$@"\n'
-    )
-    (folder / "loco").chmod(0o755)
-    for name, content, commands in BLOCK.findall(text):
-        if name:
-            (folder / name).write_text(content)
-            continue
-        done = subprocess.run(
-            ["bash", "-ec", commands], cwd=folder, capture_output=True, text=True,
-            env=_environment(), timeout=280,
-        )  # fmt: skip
-        assert done.returncode == 0, commands + done.stdout + done.stderr
-        yield done.stdout
 
 
 def test_own_robot_and_controller(repository, tmp_path):
