@@ -10,7 +10,7 @@ import time
 
 import pytest
 
-from loco_bringup.graph.process_info import processor_time
+from loco_bringup.graph.process_info import processor_time, waiting_time
 from loco_bringup.graph.start import StartLimits, StartMonitor
 from loco_bringup.graph.watch import Watch
 from loco_bringup.outcome import remove_bag
@@ -22,11 +22,12 @@ LIMITS = StartLimits(timeout=60.0)
 class Machine:
     """Clock and processes of a test: a process uses a share of a core."""
 
-    def __init__(self, *shares):
+    def __init__(self, *shares, waits=0.0):
         self.now, self.shares, self._used = 0.0, list(shares), [0.0] * len(shares)
         self.monitor = StartMonitor(
-            LIMITS, lambda: range(len(shares)), lambda: self.now, self._used.__getitem__
-        )
+            LIMITS, lambda: range(len(shares)), lambda: self.now, self._used.__getitem__,
+            lambda pid: waits * self.now,
+        )  # fmt: skip
 
     def pass_time(self, seconds):
         """Reason of the failure, and when it came [s]."""
@@ -43,6 +44,31 @@ class Machine:
 def test_imports_on_a_slow_machine_are_progress():
     machine = Machine(0.1, 0.1)  # two processes that get a tenth of a core each
     assert machine.pass_time(300.0) == ""
+
+
+def test_imports_beside_twenty_others_are_progress():
+    machine = Machine(0.04, 0.001, waits=0.95)  # 40 ms a second, and else in the queue
+    assert machine.pass_time(300.0) == ""
+
+
+def test_idle_nodes_beside_twenty_others_are_given_up():
+    machine = Machine(0.005, 0.005, 0.005, 0.005, 0.0, waits=0.5)
+    assert machine.pass_time(300.0) == "not ready: no progress for 60 s"
+
+
+def test_waiting_for_a_processor_is_counted():
+    code = "while True: pass"
+    loops = [subprocess.Popen([sys.executable, "-c", code]) for _ in range(2)]
+    try:
+        for loop in loops:
+            os.sched_setaffinity(loop.pid, {min(os.sched_getaffinity(0))})
+        time.sleep(1.0)
+        assert all(waiting_time(loop.pid) > 0.05 for loop in loops)
+    finally:
+        for loop in loops:
+            loop.kill()
+            loop.wait()
+    assert waiting_time(loops[0].pid) == 0.0
 
 
 def test_nodes_that_wait_for_a_silent_one_are_given_up():

@@ -40,7 +40,8 @@ def test_the_page_tells_what_is_known():
         assert known.source in text
         for other in known.look_alikes:
             site = EFFECTS[other.name].identity.site
-            assert f"[{other.name}](effects_{site}.md#{other.name}): {other.experiment}" in text
+            assert f"- Similar to [{other.name}](effects_{site}.md#{other.name}). " in text
+            assert all(step[1:] in text for step in other.experiment.split(": "))
 
 
 @pytest.mark.pybullet

@@ -45,7 +45,8 @@ def test_without_figures_nothing_is_measured(place, capsys):
     for name, subject in subjects.SUBJECTS.items():
         assert f"not measured: {name}: ./loco {subject.command}" in printed
         assert f"[{name}](#{name.replace(' ', '-')})" in text
-    assert text.count("not measured") == len(rows(place))
+    assert text.count("Not measured: ") == len(subjects.SUBJECTS)
+    assert all(each.part.rpartition("/")[2] in text for each in rows(place))
 
 
 def test_each_part_has_the_newest_figures_and_they_stay(place, capsys):

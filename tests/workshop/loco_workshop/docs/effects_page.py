@@ -9,7 +9,7 @@ from collections.abc import Iterable
 from typing import Any
 
 from loco_sim import effects
-from loco_sim.effects.identity import SITES
+from loco_sim.effects.identity import SITES, LookAlike
 
 INTRO = """\
 An effect is a deviation of the simulated robot from the ideal one. An experiment lists effects in
@@ -82,19 +82,22 @@ def _entry(name: str) -> str:
         f"{'; acts on `joint`' if 'joint' in _fields(cls) else ''}. "
         f"Source: {identity.source}."
     )
-    similar = "\n".join(
-        f"- similar to {_link(other.name)}: {other.experiment}" for other in identity.look_alikes
-    )
+    similar = "\n".join(map(_similar, identity.look_alikes))
     return "\n\n".join(
         (
-            f"## {name}",
-            f"![fingerprint of {name}](pictures/effects/{name}.png)",
+            f"## {name}\n![fingerprint of {name}](pictures/effects/{name}.png)",
             inspect.cleandoc(cls.__doc__ or ""),
             f"`{identity.equation}`. {facts}",
             _table(name),
             similar,
         )
     )
+
+
+def _similar(other: LookAlike) -> str:
+    steps = other.experiment.split(": ")
+    told = f"Test: {steps[0]}. Result: {steps[1]}" if len(steps) == 2 else other.experiment
+    return f"- Similar to {_link(other.name)}. {told[0].upper()}{told[1:]}."
 
 
 def _table(name: str) -> str:

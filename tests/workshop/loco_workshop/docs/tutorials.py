@@ -35,7 +35,7 @@ def follow(
 
     Args:
         page: The tutorial.
-        folder: Where it is typed; `loco` is made there.
+        folder: Folder in which it is typed; a command `loco` is written there.
         changes: Texts of the page that are replaced, to make it shorter.
         timeout: Longest time of a block of commands [s].
 

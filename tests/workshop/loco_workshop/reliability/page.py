@@ -68,16 +68,15 @@ def _subject(rows: list[Figure], runs: list[tuple[str, str]]) -> str:
     fullest = sorted(rows, key=lambda each: -len(each.values))  # its order is that of the columns
     names = list(dict.fromkeys(name for each in fullest for name in each.values))
     lines = []
-    for each in rows:
-        if not each.date:
-            lines.append((_name(each), *[""] * len(names), "not measured", "", "", ""))
-            continue
+    for each in (each for each in rows if each.date):
         values = [_text(each.values.get(name, "")) for name in names]
         said = "yes" if each.holds else "**no**"
         run = str(runs.index((each.command, each.machine)) + 1)
         lines.append((_name(each), *values, said, each.date[:10], each.commit, run))
     table = _table(("part", *names, "as required", "date", "commit", "run"), lines)
-    return f"`./loco {subject.command}`. Required: {subject.required}.\n\n{table}"
+    missing = ", ".join(_name(each) for each in rows if not each.date)
+    head = f"`./loco {subject.command}`. Required: {subject.required}."
+    return f"{head}{f' Not measured: {missing}.' if missing else ''}\n\n{table}"
 
 
 def _name(each: Figure) -> str:

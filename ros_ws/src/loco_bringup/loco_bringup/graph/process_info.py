@@ -31,6 +31,15 @@ def processor_time(pid: int) -> float:
     return (int(fields[_USER_TIME]) + int(fields[_SYSTEM_TIME])) / _TICKS if fields else 0.0
 
 
+def waiting_time(pid: int) -> float:
+    """Time that the main thread of a process waited for a processor [s], 0 if unknown."""
+    try:
+        with open(f"/proc/{pid}/schedstat") as file:
+            return int(file.read().split()[1]) * 1e-9
+    except (OSError, IndexError):
+        return 0.0
+
+
 def start_of(pid: int) -> str:
     """Start time of a process in kernel ticks; empty if it has ended.
 
