@@ -39,8 +39,8 @@ FORMAT = 1
 WHERE, LEARNED = 3, 6  # keys of random streams
 FEW_JOINTS = 3  # joints listed by name
 MOST_CELLS = 40  # cells listed at most
-EMPTY = {"where": [], "regions": [], "identifiability": {}, "correction": None, "residual": None,
-         "next": []}  # fmt: skip
+EMPTY = {"probability": {}, "where": [], "regions": [], "identifiability": {}, "correction": None,
+         "residual": None, "next": []}  # fmt: skip
 
 NOT_LEARNED = (
     "No learned correction: what is left does not hang on positions, speeds and torques of the "
@@ -77,7 +77,6 @@ def contents(
             "verdict": decision.verdict,
             "evidence": decision.evidence,
             "names": list(decision.names),
-            "probability": probability(case, judged, params),
             "terms": in_metres(terms(judged), case.forward.channels) if with_gap else [],
             "rivals": rivals(judged) if with_gap else [],
             "over_settings": [row.plain for row in judged.over_settings],
@@ -152,7 +151,10 @@ def details(
         params: Settings.
         each: Runs functions of the case in parallel, in any number of processes.
     """
-    verdict, items = judged.decision.verdict, []
+    verdict, items = judged.decision.verdict, [
+        Detail("probability", "weighing all models",
+               lambda notes: probability(case, judged, params)),
+    ]  # fmt: skip
     if verdict != NO_GAP:
         items += [
             Detail("where", "locating the gap", lambda notes: where(case, judged, params.seed)),

@@ -1,9 +1,16 @@
 # SPDX-License-Identifier: Apache-2.0
 """The verdict by probabilities: the finest statement that is probable enough.
 
-It decides nothing: `gap.json` has it beside the verdict of the rules (`verdict.judge`), so that
-both are scored on the same searches. To replace the rules by it, `judge` must fit the most probable
-model without each of its effects and with others instead, as it does for the model that it selects.
+It decides nothing: `gap.json` has it beside the verdict of the rules (`verdict.judge`), and the
+battery scores both on the same searches. To replace the rules by it:
+
+- `judge` fits the most probable model, instead of the one that the rules select, without each of
+  its effects and with others instead, until no other is more probable; models with a weight above
+  0.001 are fitted to convergence (`finish`).
+- A family without its idle joints (`judge._narrowed`) is one more model, not another judgement.
+- `judge._best`, `_pruned`, `_swapped`, `_instead`, `_established`, `beats`, `decide._rule`,
+  `lacks`, `serious`, `rivals.ratio`, `sharp`, `elsewhere`, `traded.believed` and the exceptions in
+  `leftover` have nothing to decide then. Implausible values stay alarms, other settings a check.
 """
 
 from __future__ import annotations
