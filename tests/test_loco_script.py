@@ -33,7 +33,8 @@ esac
 case "$1 $2" in
 "-I -c"*) echo "$0" ;;
 *"messages.py check") [ -z "${MISFIT:-}" ] || { echo "$MISFIT"; exit 1; } ;;
-"-m venv") sleep 0.2; mkdir -p "$3/bin"; cp "$0" "$3/bin/python" ;;
+"-m venv") sleep 0.2; mkdir -p "$3/bin"; cp "$0" "$3/bin/python"
+    [ -z "${WITH_UV:-}" ] || cp "$0" "$3/bin/uv" ;;
 *".venv/bin/loco"*) env >"$CALLS.env" ;;
 esac
 """
@@ -115,6 +116,14 @@ def test_first_start_does_every_stage_in_order_and_then_the_command(checkout):
     assert stages(calls) == [*STAGES, COMMAND]
     assert calls[-1] == f"{checkout.root}/.venv/bin/loco report a bag"
     assert "ready" in told
+
+
+def test_uv_installs_the_packages_where_it_is(checkout):
+    status, _, calls = checkout.start("list", WITH_UV="1")
+    python = f"{checkout.root}/.venv/bin/python"
+    words = f"pip install --python {python} --no-deps --no-build-isolation -e {checkout.root}"
+    assert status == 0 and words in calls
+    assert stages(calls) == [VENV, REQUIREMENTS, MESSAGES, COMMAND]
 
 
 @pytest.fixture
