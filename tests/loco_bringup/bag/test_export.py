@@ -7,6 +7,7 @@ import json
 import numpy as np
 import pytest
 from rclpy.serialization import serialize_message
+from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64
 
 from loco_bringup.bag.export import export, stem_of
@@ -57,6 +58,37 @@ def test_csv_files_read_back_to_the_same_numbers(bag, tmp_path):
         rows = list(csv.DictReader(stream))
     tau = [[float(row[f"tau[{i}]"]) for i in range(12)] for row in rows]
     np.testing.assert_array_equal(tau, bag.records("trunk_torque")["tau"])
+
+
+def test_names_and_texts_of_constant_messages_are_in_the_file(tmp_path):
+    """Columns bear the names of the joints, in whatever order the messages list them."""
+    kind, writer = "sensor_msgs/msg/JointState", BagWriter(tmp_path / "bag")
+    writer.add_topic("/states", kind, definition(kind), type_hash(kind), [])
+    message = JointState(name=["knee", "hip"], position=[0.1, 0.2])
+    message.header.frame_id = "base"
+    for i in range(3):
+        writer.write("/states", bytes(serialize_message(message)), i)
+    writer.close()
+    (path,) = export(writer.folder, tmp_path / "csv", "csv")
+    with open(path, newline="") as stream:
+        row = list(csv.DictReader(stream))[-1]
+    named = row["position[knee]"], row["position[hip]"], row["header.frame_id"]
+    assert named == ("0.1", "0.2", "base") and not any("[0]" in name for name in row)
+    (path,) = export(writer.folder, tmp_path / "npz")
+    with np.load(path) as found:
+        assert found["name"].tolist() == ["knee", "hip"] and found["header.frame_id"] == "base"
+
+
+def test_names_that_fit_no_list_are_columns(tmp_path):
+    kind, writer = "sensor_msgs/msg/JointState", BagWriter(tmp_path / "bag")
+    writer.add_topic("/states", kind, definition(kind), type_hash(kind), [])
+    message = JointState(name=["knee", "hip"], position=[0.1, 0.2, 0.3])
+    writer.write("/states", bytes(serialize_message(message)), 0)
+    writer.close()
+    (path,) = export(writer.folder, tmp_path / "csv", "csv")
+    with open(path, newline="") as stream:
+        (row,) = csv.DictReader(stream)
+    assert row["position[2]"] == "0.3" and (row["name[0]"], row["name[1]"]) == ("knee", "hip")
 
 
 def test_messages_of_varying_layout_are_json_lines(bag, tmp_path):

@@ -153,7 +153,7 @@ def test_the_pose_of_the_base_is_read_only_if_asked(tmp_path):
 def test_a_mapping_names_any_topic_and_cuts(tmp_path):
     topics = {"arm__state": (STATES, 100), "goals": (array, 100)}
     folder = bag(tmp_path / "own", **topics)
-    refused(folder, SERVO, "no messages on joint_states or robot_state.* mapping can name other")
+    refused(folder, SERVO, "no messages on joint_states or robot_state.* drafts a mapping")
     rules = {
         "columns": [
             {"topic": "/arm/state", "column": "position[pivot]", "role": "q", "joint": "pivot"},

@@ -19,7 +19,7 @@ from loco_bringup.report import parts, report, robot
 from loco_bringup.report.figures import CHAPTERS
 from loco_bringup.report.report import write_report
 from loco_bringup.report.robot import page
-from loco_control.exceptions import BagError, MissingFileError
+from loco_control.exceptions import BagError, MissingFileError, ParameterError
 from loco_learning.metrics.registry import METRICS
 from loco_learning.runs.experiment import override
 
@@ -232,7 +232,7 @@ def test_wrong_input_is_one_clear_line(bag, tmp_path):
         write_report(tmp_path / "nowhere")
     writer = BagWriter(tmp_path / "other")
     writer.close()
-    with pytest.raises(BagError, match="it is no run of loco"):
+    with pytest.raises(ParameterError, match="it has nothing"):
         write_report(tmp_path / "other")
     (tmp_path / "file").write_text("")
     with pytest.raises(MissingFileError, match="cannot write the report"):

@@ -256,12 +256,14 @@ def export_model(
 def report(bag: Place | Bag, out: Place | None = None, *, gif: bool = True) -> Page:
     """Write one self-contained HTML page about a recorded run: gait, forces, metrics, animation.
 
+    A recording of another program gives a page on its joints.
+
     Args:
-        bag: The recording.
+        bag: Bag, or file of a table.
         out: HTML file, or its folder; default ``report.html`` in the folder of the bag.
         gif: Draw the animation, which takes most of the time.
 
     Raises:
-        LocoError: The bag is not a run of loco, or the page cannot be written.
+        LocoError: The recording cannot be read, or the page cannot be written.
     """
     return Page(_report.write_report(bag, out, gif))

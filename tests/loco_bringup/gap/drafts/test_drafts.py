@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import re
 from types import SimpleNamespace
 
 import numpy as np
@@ -66,6 +67,20 @@ def test_the_draft_of_a_bag_reads_it(tmp_path, capsys):
     capsys.readouterr()
     assert call(folder, "--out", path) == 2 and "is there already" in capsys.readouterr().err
     assert call(folder) == 0 and "finger" in capsys.readouterr().out
+
+
+def test_a_bag_with_other_topics_is_refused_with_the_command_that_works(tmp_path, monkeypatch):
+    folder = bag(
+        tmp_path / "a", joint_states=states,
+        position_controller__commands=lambda t: Float64MultiArray(data=[goal(t)]),
+    )  # fmt: skip
+    with pytest.raises(LocoError) as error:
+        importing.load(folder, SERVO)
+    (command,) = re.findall(r"`loco gap mapping (.*?)`", str(error.value))
+    monkeypatch.chdir(tmp_path)
+    assert call(*command.replace("ROBOT", "servo_pendulum").split()) == 0
+    (record,) = importing.load(folder, SERVO, "mapping.yaml")
+    assert record.command["position"][:, 0] == pytest.approx(goal(record.t), abs=1e-8)
 
 
 def test_the_state_of_a_trajectory_controller_has_both():

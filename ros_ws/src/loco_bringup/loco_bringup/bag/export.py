@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """`loco export`: topics of a bag as NumPy (``.npz``) or CSV files.
 
-Messages of constant layout become columns, decoded with one `np.frombuffer`;
-the others become one JSON object a line.
+Messages of constant layout become columns, decoded with one `np.frombuffer`, and their texts
+constants; the others become one JSON object a line.
 """
 
 from __future__ import annotations
@@ -19,12 +19,14 @@ import numpy as np
 from loco_control.exceptions import BagError, ParameterError
 from loco_control.files import whole_folder
 from loco_control.reading import within
+from loco_learning.gap.recordings import tables
 
-from .foreign.opening import open_bag
+from .foreign.opening import beside, name_of, open_bag
 from .reader import Bag
 
 FORMATS = ("npz", "csv")
 TIME = "log_time"  # column of the log times [s]
+NAMES = ("name", "joint_names")  # lists with the names of the elements of other lists
 
 
 def export(
@@ -36,8 +38,8 @@ def export(
     """Write one file per topic that has messages; after an error no file remains.
 
     Args:
-        bag: The recording.
-        out: Folder; default ``export`` in the bag's folder.
+        bag: The recording; a table is written as one file, with its columns of numbers.
+        out: Folder; default ``export`` in the folder of a bag, ``NAME_export`` beside a file.
         form: ``npz`` (arrays by field) or ``csv`` (a column per number).
         topics: Names of the topics; None for all.
 
@@ -51,8 +53,11 @@ def export(
     """
     if form not in FORMATS:
         raise ParameterError(f"format must be one of {', '.join(FORMATS)}, got {form!r}")
+    default = bag.folder / "export" if isinstance(bag, Bag) else beside(Path(bag), "export")
+    folder = Path(out) if out else default
+    if not isinstance(bag, Bag) and tables.is_table(Path(bag)):
+        return [_export_table(tables.read(bag), folder, form)]
     bag = bag if isinstance(bag, Bag) else open_bag(bag)
-    folder = Path(out) if out else bag.folder / "export"
     names = [bag.resolve(t) for t in topics] if topics else sorted(bag.topics)
     names = [name for name in names if bag.topics[name].count]
     if not names:
@@ -65,16 +70,29 @@ def export(
         raise BagError(f"{folder} cannot be written: {error}") from None
 
 
+def _export_table(table: tables.Table, folder: Path, form: str) -> Path:
+    name = f"{name_of(table.path)}.{form}"
+    try:
+        with whole_folder(folder) as new:
+            if form == "npz":
+                np.savez(new / name, **table.columns)
+            else:
+                _write_csv(new / name, table.columns, {})
+    except OSError as error:
+        raise BagError(f"{folder} cannot be written: {error}") from None
+    return folder / name
+
+
 def _export_one(bag: Bag, name: str, folder: Path, form: str) -> Path:
     stem = within(folder, stem_of(name), "topic").name
     table = columns(bag, name)
     if table is None:
         return _write_lines(bag, name, folder / f"{stem}.jsonl")
-    path = folder / f"{stem}.{form}"
+    path, constants = folder / f"{stem}.{form}", texts(bag, name)
     if form == "npz":
-        np.savez(path, **table)
+        np.savez(path, **table, **{field: np.array(text) for field, text in constants.items()})
     else:
-        _write_csv(path, table)
+        _write_csv(path, table, constants)
     return path
 
 
@@ -103,6 +121,36 @@ def columns(bag: Bag, name: str) -> dict[str, np.ndarray] | None:
     return {TIME: bag.times(name) / 1e9, **fields}
 
 
+def texts(bag: Bag, name: str) -> dict[str, str | list[str]]:
+    """Texts and lists of texts of the first message of a topic by path, without empty ones."""
+    result: dict[str, str | list[str]] = {}
+
+    def add(value: Any, path: str) -> None:
+        items = list(value.items()) if isinstance(value, dict) else []
+        if isinstance(value, list) and value and all(isinstance(v, str) for v in value):
+            result[path] = value
+        elif isinstance(value, list):
+            items = [(str(i), v) for i, v in enumerate(value) if isinstance(v, dict)]
+        elif isinstance(value, str) and value:
+            result[path] = value
+        for key, inside in items:
+            add(inside, f"{path}.{key}" if path else key)
+
+    add(plain(bag.message(name, bag.raw(name)[1][0])), "")
+    return result
+
+
+def _elements(path: str, count: int, constants: dict[str, str | list[str]]) -> list[str]:
+    """Names of the elements of a list: those in its message or an outer one, or numbers."""
+    parts = path.split(".")
+    for depth in range(len(parts) - 1, -1, -1):
+        for key in NAMES:
+            names = constants.get(".".join([*parts[:depth], key]))
+            if isinstance(names, list) and len(names) == count == len(set(names)):
+                return names
+    return [str(i) for i in range(count)]
+
+
 def _texts_agree(bag: Bag, name: str, records: np.ndarray) -> bool:
     """Whether the non-numeric bytes (names, lengths) are the same in every message."""
     covered = np.zeros(records.dtype.itemsize, dtype=bool)
@@ -113,15 +161,25 @@ def _texts_agree(bag: Bag, name: str, records: np.ndarray) -> bool:
     return not covered.size or bool((data[:, ~covered] == data[0, ~covered]).all())
 
 
-def _write_csv(path: Path, found: dict[str, np.ndarray]) -> None:
-    head, series = [], []
+def _write_csv(
+    path: Path, found: dict[str, np.ndarray], constants: dict[str, str | list[str]]
+) -> None:
+    head, series, used = [], [], set[str]()
     for name, values in found.items():
         if values.ndim == 1:
             head.append(name)
             series.append(values.tolist())
         else:
-            head += [f"{name}[{i}]" for i in range(values.shape[1])]
+            elements = _elements(name, values.shape[1], constants)
+            used |= set(elements)
+            head += [f"{name}[{element}]" for element in elements]
             series += values.T.tolist()
+    for name, text in constants.items():
+        rows = {name: text} if isinstance(text, str) else {
+            f"{name}[{i}]": one for i, one in enumerate(text) if not used.issuperset(text)
+        }  # fmt: skip
+        head += rows
+        series += [[one] * len(series[0]) for one in rows.values()]
     with open(path, "w", newline="") as stream:
         writer = csv.writer(stream)
         writer.writerow(head)

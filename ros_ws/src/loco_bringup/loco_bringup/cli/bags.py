@@ -10,7 +10,10 @@ import sys
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from loco_control.reading import shown
+from loco_learning.gap.recordings import tables
 
 from ..bag.copy import extract as extract_topics
 from ..bag.export import export as export_topics
@@ -64,6 +67,9 @@ def show_bag(path: Path, check: bool = False, as_json: bool = False) -> None:
     Raises:
         BagError: The bag is damaged.
     """
+    if tables.is_table(path):
+        _show_table(path, as_json)
+        return
     bag = open_bag(path)
     if check:
         bag.check()
@@ -87,6 +93,31 @@ def show_bag(path: Path, check: bool = False, as_json: bool = False) -> None:
     console.print(table("Topics", ("name", "type", "messages", "rate"), rows))
     files = ((name, f"{size} bytes") for name, size in bag.attachments().items())
     console.print(table("Files inside", ("name", "size"), files))
+
+
+def _show_table(path: Path, as_json: bool) -> None:
+    """Print the columns of a table of samples: readings, smallest and largest value."""
+    samples = tables.read(path)
+    rows = {
+        name: {
+            "readings": int(np.isfinite(x).sum()),
+            "smallest": float(np.min(x, initial=np.inf, where=np.isfinite(x))),
+            "largest": float(np.max(x, initial=-np.inf, where=np.isfinite(x))),
+        }
+        for name, x in samples.columns.items()
+    }
+    if as_json:
+        about = {"path": str(path), "rows": len(samples), "columns": rows, "texts": samples.texts}
+        console.print_json(json.dumps(about))
+        return
+    console.print(f"{path}: {len(samples)} rows, {path.stat().st_size / 1e6:.1f} MB")
+    cells = [
+        (name, str(one["readings"]), f"{one['smallest']:.6g}", f"{one['largest']:.6g}")
+        for name, one in rows.items()
+    ]
+    console.print(table("Columns", ("name", "readings", "smallest", "largest"), cells))
+    for name in samples.texts:
+        console.print(f"  {name}: text")
 
 
 def _disagreements(bag: Bag) -> list[str]:

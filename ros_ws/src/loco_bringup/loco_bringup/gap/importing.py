@@ -25,7 +25,7 @@ from loco_sim.plant import model as models
 from loco_sim.robot import robot as robots
 from loco_sim.robot.robot import Robot
 
-from ..bag.foreign.opening import KINDS, open_bag, suffix_of
+from ..bag.foreign.opening import KINDS, name_of, open_bag, suffix_of
 from ..bag.reader import Bag
 from ..outcome import STEP
 from . import topics as gap_topics
@@ -170,7 +170,7 @@ def load(
         raise MissingFileError(importing.NO_RECORDING.format(path))
     rules = mapping_of(path, mapping_file)
     if suffix_of(path):
-        return _from_bag(open_bag(path), robot, rules, judge)
+        return _from_bag(open_bag(path), name_of(path), robot, rules, judge)
     if path.is_file() and not tables.is_table(path):
         raise ParameterError(
             f"{path.name} is no recording: wanted are {', '.join(KINDS)}, "
@@ -192,8 +192,9 @@ def mapping_of(path: Path, given: str | Path | None) -> Mapping | None:
     return mapping.load(default) if default.is_file() else None
 
 
-def _from_bag(bag: Bag, robot: Robot, rules: Mapping | None, judge: bool) -> list[Record]:
-    name = bag.folder.name
+def _from_bag(
+    bag: Bag, name: str, robot: Robot, rules: Mapping | None, judge: bool
+) -> list[Record]:
     rules = rules or Mapping(bag.path)
     if rules.columns:
         source = FieldSource(bag, name)

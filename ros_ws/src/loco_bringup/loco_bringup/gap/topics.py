@@ -8,6 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from loco_control.exceptions import BagError
+from loco_learning.gap.recordings import mapping
 from loco_learning.gap.recordings.record import Doubt
 from loco_learning.gap.recordings.tracks import AXES, Track
 from loco_sim.robot.robot import Robot
@@ -50,6 +51,14 @@ def read(bag: Bag, robot: Robot, namespace: str, base_pose: bool) -> tuple[list[
     return tracks, notes
 
 
+def how_to_map(bag: Bag) -> str:
+    """Command that drafts a mapping, which names other topics."""
+    return (
+        f"for other topics, `loco gap mapping {bag.path} --robot ROBOT --out {mapping.FILE}` "
+        f"drafts a mapping, which --mapping {mapping.FILE} uses"
+    )
+
+
 def _has(bag: Bag, topic: str, kind: str) -> bool:
     info = bag.topics.get(topic)
     return info is not None and info.type == kind and info.count > 0
@@ -70,7 +79,7 @@ def _prefix(bag: Bag, robot: Robot, namespace: str) -> str:
         raise BagError(
             f"{bag.path.name} has no messages on {namespace.strip('/')}{'/' if namespace else ''}"
             f"{STATES} or {ROBOT_STATE}; it has {', '.join(sorted(bag.topics)) or 'no topics'} "
-            "(a mapping can name other topics)"
+            f"({how_to_map(bag)})"
         )
     if len(spaces) > 1:
         spaces = {space for space in spaces if _joints_fit(bag, space, robot)} or spaces
@@ -93,7 +102,7 @@ def _standard(bag: Bag, prefix: str) -> tuple[list[Track], list[str]]:
     if not _has(bag, prefix + COMMAND, _JOINTS):
         raise BagError(
             f"{bag.path.name} has no messages on {prefix}{COMMAND}, role command is missing; it "
-            f"has {', '.join(sorted(bag.topics))} (a mapping can name another topic)"
+            f"has {', '.join(sorted(bag.topics))} ({how_to_map(bag)})"
         )
     notes: list[str] = []
     tracks = joint_states.tracks(bag, prefix + STATES, KINDS, notes)

@@ -65,7 +65,9 @@ def _need(bag: Bag, names: Iterable[str]) -> None:
     missing = [name for name in names if name not in recorded]
     if missing:
         text = f"{bag.path} has no messages on {', '.join(missing)}; it is no run of loco"
-        raise BagError(f"{text} (`loco gap check` reads what other programs recorded)")
+        raise BagError(
+            f"{text} (`loco report`, `compare`, `gap check` read what other programs recorded)"
+        )
 
 
 def _walking(bag: Bag, experiment: Experiment) -> Log:

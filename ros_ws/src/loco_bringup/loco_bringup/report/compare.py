@@ -23,11 +23,13 @@ from loco_learning.runs.log import Log
 
 from ..bag.foreign.opening import open_bag
 from ..logs.bag_log import read_log
+from ..logs.recording import is_foreign
 from ..outcome import file_at
 from ..page import html
 from ..page.plot import Line, Panel, Plot
 from ..page.style import spans
 from ..terminal import console
+from . import recorded
 from .figures import close_look
 from .joint_figures import short
 from .parts import label, unit
@@ -37,6 +39,13 @@ PAGE = Path("results/compare.html")
 
 def show_comparison(a: argparse.Namespace) -> int:
     """Write the page about some bags; print the verdict, the differing metrics and the path."""
+    if any(map(is_foreign, a.bag)):
+        text, sentences = recorded.comparison(a.bag, a.mapping)
+        written = write_whole(file_at(a.out, PAGE), text)
+        for line in sentences:
+            console.print(line)
+        console.print(str(written))
+        return 0
     logs = read_runs(a.bag)
     written, comparisons = write_whole(file_at(a.out, PAGE), page(logs)), compared(logs)
     for line in (verdict(logs, comparisons)[0], *falls(logs), *map(sentence, comparisons)):

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""`loco report`: write a self-contained HTML page about a bag.
+"""`loco report`: write a self-contained HTML page about a recording.
 
 All figures and the animation are embedded; the page has no external references.
 A section without data in the bag shows the reason instead.
@@ -12,43 +12,58 @@ from pathlib import Path
 
 from loco_control.exceptions import LocoError, MissingFileError
 
-from ..bag.foreign.opening import open_bag
+from ..bag.foreign.opening import beside, open_bag
 from ..bag.reader import Bag
 from ..logs.bag_log import read_log
+from ..logs.recording import is_foreign
 from ..outcome import file_at
 from ..terminal import console
-from . import live, network, robot
+from . import live, network, recorded, robot
 from .live_log import is_live, read_live
 
 GIF = "gait.gif"
 
 
 def show_report(a: argparse.Namespace) -> int:
-    """Write the report page of a bag and print its path."""
-    console.print(str(write_report(a.bag, a.out, gif=not a.no_gif)))
+    """Write the report page of a recording and print its path."""
+    written = write_report(a.bag, a.out, gif=not a.no_gif, mapping=a.mapping)
+    console.print(str(written))
     return 0
 
 
-def write_report(bag: Bag | str | Path, out: str | Path | None = None, gif: bool = True) -> Path:
-    """Write the report page of a recorded run.
+def write_report(
+    bag: Bag | str | Path,
+    out: str | Path | None = None,
+    gif: bool = True,
+    mapping: str | Path | None = None,
+) -> Path:
+    """Write the report page of a run of loco, or of a recording of any program.
 
     Args:
-        bag: Bag folder or ``.mcap`` file.
+        bag: Folder of a bag, or file of a bag or table.
         out: HTML file, or its folder; default ``report.html`` in the folder of the bag.
         gif: Whether to draw the animation; it is also written as ``gait.gif`` beside the page.
+        mapping: Mapping of the columns of a table, or of the topics of another program.
 
     Returns:
         The HTML file.
 
     Raises:
         MissingFileError: There is no such bag, or the page cannot be written.
-        BagError: The bag is not a run of loco.
+        LocoError: The recording cannot be read.
     """
-    bag = bag if isinstance(bag, Bag) else open_bag(bag)
-    out = file_at(out, bag.folder / "report.html")
+    path = bag.path if isinstance(bag, Bag) else Path(bag)
+    text = ""
+    if not isinstance(bag, Bag) and is_foreign(path):
+        text = recorded.page(path, mapping)
+    else:
+        bag = bag if isinstance(bag, Bag) else open_bag(bag)
+        path = bag.folder
+    out = file_at(out, beside(path, "report.html"))
     try:
         out.parent.mkdir(parents=True, exist_ok=True)
-        out.write_text(page_of(bag, out.parent / GIF if gif else None), encoding="utf-8")
+        text = text or page_of(bag, out.parent / GIF if gif else None)
+        out.write_text(text, encoding="utf-8")
     except LocoError:  # first: a MissingFileError is also an OSError
         raise
     except OSError as error:

@@ -26,6 +26,20 @@ def suffix_of(path: Path) -> str:
     return next((end for end in KINDS if end in endings), "")
 
 
+def name_of(path: Path) -> str:
+    """Name of a recording: its folder, or its file without endings if it was given as a file."""
+    path = path.resolve()
+    return path.name if path.is_dir() else Path(plain_name(path.name).removesuffix(".gz")).stem
+
+
+def beside(path: Path, name: str) -> Path:
+    """Default path of a result: in the folder of a bag, or beside a file and after its name."""
+    if path.is_dir() or not path.is_file():
+        return path / name
+    alone = (path.parent / "metadata.yaml").is_file() or path.suffix == ".mcap"
+    return path.parent / (name if alone else f"{name_of(path)}_{name}")
+
+
 def open_bag(path: str | Path) -> Bag:
     """The bag at a path: MCAP, SQLite or ROS 1, compressed or not.
 
@@ -38,5 +52,5 @@ def open_bag(path: str | Path) -> Bag:
         MissingPackageError: It is a ROS 1 bag, and rosbags is not installed.
     """
     if Path(path).is_file() and is_table(Path(path)):
-        raise BagError(f"{path} is a table and no bag; `loco gap check` reads it")
+        raise BagError(f"{path} is a table and no bag; `loco report` and `loco gap check` read it")
     return KINDS.get(suffix_of(Path(path)), Bag)(path)

@@ -60,6 +60,11 @@ def replay(p: ArgumentParser) -> None:
     option(v, "--json", Path, "write the differences to this file too")
 
 
+def _mapping(p: ArgumentParser) -> None:
+    option(p, "--mapping", Path, "mapping.yaml of the topics or columns of another program "
+           "(default: the one beside the recording, else guessed by names)")  # fmt: skip
+
+
 @command("info", "cli.bags:info", "show what a bag holds")
 def info(p: ArgumentParser) -> None:
     """Options of `loco info`."""
@@ -70,8 +75,12 @@ def info(p: ArgumentParser) -> None:
 
 @command("report", "report.report:show_report", "write one self-contained HTML page about a bag")
 def report(p: ArgumentParser) -> None:
-    """Options of `loco report`."""
+    """Options of `loco report`.
+
+    A run of loco, or a bag or table of another program with positions of joints.
+    """
     _bag(p)
+    _mapping(p)
     add_out(p, "HTML file, or its folder (default BAG/report.html)", file=True)
     option(p, "--no-gif", False, "leave the animation out (faster)")
 
@@ -80,6 +89,7 @@ def report(p: ArgumentParser) -> None:
          "same axes, and what differs beyond noise")  # fmt: skip
 def compare(p: ArgumentParser) -> None:
     """Options of `loco compare`."""
+    _mapping(p)
     p.add_argument("bag", type=Path, nargs="+", help="bags of one robot, the reference first")
     add_out(p, "HTML file, or its folder (default results/compare.html)", file=True)
 

@@ -31,10 +31,22 @@ def of_bag(bag: Bag, joints: Sequence[str]) -> str:
     for name, topic in sorted(bag.topics.items()):
         reader = READERS.get(topic.type.rpartition("/")[2])
         if reader and topic.count:
-            lines += reader(name, bag.message(name, bag.raw(name)[1][0]), joints)
+            for message in first_messages(bag, name):
+                lines += [x for x in reader(name, message, joints) if x not in lines]
     order = {joint: row for row, joint in enumerate(joints)}
     retained = [line for line in lines if not joints or line.joint in order]
     return written(retained, sorted(bag.topics), joints, bag.path.name)
+
+
+def first_messages(bag: Bag, name: str) -> list[Any]:
+    """First message of a topic; of JointState the first with each set of joints and fields."""
+    if not bag.topics[name].type.endswith("/JointState"):
+        return [bag.message(name, bag.raw(name)[1][0])]
+    kinds: dict[tuple, Any] = {}
+    for message in bag.messages(name):
+        fields = (len(getattr(message, field)) > 0 for field in ROLES)
+        kinds.setdefault((frozenset(message.name), *fields), message)
+    return list(kinds.values())
 
 
 def _is_command(name: str) -> str:
@@ -61,9 +73,7 @@ def _array(name: str, message: Any, joints: Sequence[str]) -> list[Line]:
         return []
     names = list(joints) if len(joints) == count else [f"joint_{i}" for i in range(count)]
     reason = f"“{token or guess.why}” in the topic; the message names no joints: in this order?"
-    return [
-        Line(f"data[{i}]", role, joint, reason, topic=name) for i, joint in enumerate(names)
-    ]
+    return [Line(f"data[{i}]", role, joint, reason, topic=name) for i, joint in enumerate(names)]
 
 
 def _trajectory_state(name: str, message: Any, joints: Sequence[str]) -> list[Line]:
