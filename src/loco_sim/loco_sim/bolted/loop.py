@@ -122,6 +122,37 @@ class Bolted:
         back = np.argsort(self._order)
         return matrix[np.ix_(back, back)]
 
+    def needed(
+        self, q: np.ndarray, dq: np.ndarray, ddq: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Inverse dynamics, without damping and friction, in the robot's order.
+
+        Args:
+            q: Positions [rad or m], (T, n).
+            dq: Velocities, (T, n).
+            ddq: Accelerations, (T, n).
+
+        Returns:
+            Torques of the motion without weight [N·m or N], (T, n), and torques that hold the
+            weight per component of gravity [N·m per m/s²], (T, n, 3).
+        """
+        rows, n = q.shape
+        moved, held, none = np.empty((rows, n)), np.empty((rows, 3, n)), np.zeros(n)
+        matrix, links = np.zeros((n, n)), kernels.workshop(n)[0]
+        q, dq, ddq = (np.asarray(x, dtype=float)[:, self._order] for x in (q, dq, ddq))
+        for t in range(rows):
+            for k, way in enumerate(np.eye(3)):
+                kernels.dynamics(self._tree, way, q[t], none, links, matrix, held[t, k])
+            kernels.dynamics(self._tree, np.zeros(3), q[t], dq[t], links, matrix, moved[t])
+            moved[t] += matrix @ ddq[t]
+        back = np.argsort(self._order)
+        return moved[:, back], held[:, :, back].transpose(0, 2, 1)
+
+    @property
+    def gravity(self) -> np.ndarray:
+        """Acceleration of gravity in the world, turned by effects [m/s²], (3,)."""
+        return self._pull
+
     def run(
         self,
         q_wanted: np.ndarray,

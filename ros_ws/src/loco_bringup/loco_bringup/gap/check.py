@@ -22,7 +22,7 @@ from loco_learning.gap.preview import check as preview
 from loco_learning.gap.preview.visible import LARGE, NO, YES
 from loco_learning.gap.recordings.record import Record
 from loco_learning.gap.setup import mend
-from loco_learning.gap.setup.finding import MAPPING, MODEL, Change
+from loco_learning.gap.setup.finding import MAPPING, MODEL, from_plain
 from loco_sim.plant import model as models
 
 from ..page import html
@@ -127,8 +127,7 @@ def fix(
     Raises:
         ParameterError: The recordings have different mappings.
     """
-    lines = (Change(**line) for one in found["setup"] if _sure(one) for line in one["mends"])
-    changes = list(dict.fromkeys(lines))  # two findings may share one
+    changes = mend.changes_of([from_plain(one) for one in found["setup"] if _sure(one)])
     options: dict[str, Path] = {}
     if any(change.file == MAPPING for change in changes):
         paths = {m.path for bag in bags if (m := mapping_of(Path(bag), given))}

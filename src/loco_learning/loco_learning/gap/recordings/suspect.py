@@ -28,6 +28,7 @@ SLOWEST, FASTEST = 4.0, 2e4  # range of plausible sampling rates [Hz]
 RATIO_NEAR = 0.12  # largest distance of a ratio to a known one [log]
 ENCODER_NEAR = 0.05  # the same, for counts of an encoder, a power of two a turn
 BOTH_WAYS = 0.1  # share of samples of either sign above which a signal changes sign
+POWERS = {"mN m": 1e-3, "N cm": 1e-2, "kN m": 1e3}  # units of torques [N·m]
 TENTH = 0.3  # largest distance of a ratio to a power of ten [log]: friction and rotors, no unit
 RATIO_FAR = 3.0  # ratio that no effect causes
 # The same of signals with this correlation; gains of 30 % too much and too little make 1.86.
@@ -280,16 +281,16 @@ def _torque(record: Record, robot: Robot) -> Iterator[Finding]:
             continue
         ratio, correlation = slope(target, tau)
         if correlation > 0.9 and not 1.0 / RATIO_FAR < ratio < RATIO_FAR:
-            milli = abs(np.log(ratio / 1e3)) < 0.3
-            mend = (UNIT, "mN m") if milli else (SCALE, float(1.0 / ratio))
-            yield _of_unit(f"tau of {joint} is {ratio:.3g} times command_torque: probably "
-                           f"{'in mN·m' if milli else 'a current in A'}, not N·m", joint,
-                           "tau", *mend)  # fmt: skip
+            unit = power_of_ten(ratio)
+            mend = (UNIT, unit) if unit else (SCALE, float(1.0 / ratio))
+            what = f"in {unit.replace(' ', '·')}" if unit else "a current in A"
+            yield _of_unit(f"tau of {joint} is {ratio:.3g} times command_torque: probably {what}, "
+                           "not N·m", joint, "tau", *mend)  # fmt: skip
 
 
 def power_of_ten(ratio: float) -> str:
     """Unit of torques that are so many times those in N·m or N; empty if none is near."""
-    return next((unit for unit, size in (("mN m", 1e-3), ("N cm", 1e-2), ("kN m", 1e3))
+    return next((unit for unit, size in POWERS.items()
                  if abs(np.log(max(abs(ratio) * size, 1e-12))) < TENTH), "")  # fmt: skip
 
 
@@ -331,7 +332,7 @@ def _size(
         text = f"{what} of {joint} reaches {usual:.4g} N·m, many times the limit of the joint: " \
                f"probably it is in {unit}, not N·m"  # fmt: skip
         yield replace(_of_unit(text, joint, what, UNIT, "mN m" if milli else ""),
-                      fault="effort" if what == "tau" else "unit")  # fmt: skip
+                      fault="unit" if milli and what != "tau" else "effort")  # fmt: skip
 
 
 def _imu(record: Record) -> Iterator[Finding]:

@@ -115,6 +115,11 @@ class Bench:
         """True if the model fits the recordings as well as a set-up without mistakes does."""
         return self().miss() < LIMITS.missed
 
+    def whole(self) -> tuple[Model, list[Record]]:
+        """The model, and the complete recordings as imported, with the changes so far."""
+        records = [mended(record, self._changes) for record in self._all]
+        return model_with(self.model, self._changes), records
+
     def told_records(self) -> list[Record]:
         """The parts of recordings as imported with the changes so far."""
         return [mended(record, self._changes) for record in self.records]
@@ -124,10 +129,18 @@ class Bench:
         return _commanded(self.told_records())
 
     def torques(self) -> Trial | None:
-        """Simulation compared in measured joint torques; None if they were not measured."""
+        """Simulation compared in measured joint torques; None if they were not measured.
+
+        If torques are commanded, these take the place of a simulation.
+        """
         records = self.told_records()
         if not self.possible or not all(record.has("tau") for record in records):
             return None
+        if self.led:
+            names = self().joints
+            said = [r.command["torque"][:, [r.driven.index(j) for j in names]] for r in records]
+            tau = [r.signals["tau"][:, [r.joints.index(j) for j in names]] for r in records]
+            return Trial(names, tuple(said), tuple(tau))
         model = model_with(self.model, self._changes)
         forward = Forward(model, records, ForwardParams(signals=("tau",)))
         names = tuple(channel.name for channel in forward.channels)
@@ -138,7 +151,7 @@ class Bench:
 
         All of them if no torque was measured, or if it is not explained with any of them.
         """
-        runs = [None if self.led or self.free else self.mended(one).torques() for one in options]
+        runs = [None if self.free else self.mended(one).torques() for one in options]
         errors = [run.miss() if run else np.inf for run in runs]
         smallest = min(errors, default=np.inf)
         limit = LIMITS.alike * smallest + 1e-3 if smallest < LIMITS.explained else np.inf

@@ -16,14 +16,17 @@ from loco_sim.robot.description import Description
 from ..recordings import suspect
 from ..recordings.lags import rates
 from ..recordings.record import Record
-from . import bodies, commands, mend, signals
+from . import bodies, commands, mend, signals, torques
 from .bench import Bench, robot_of
 from .finding import Finding
 from .limits import LIMITS
 
 TESTS = (
     bodies.drafted, signals.turns, commands.exchanged, commands.sign, commands.scale,
-    bodies.drafted, signals.ahead,
+    bodies.drafted, signals.ahead, torques.inclined, torques.commanded,
+)  # fmt: skip
+OF_TORQUES = (
+    torques.exchanged, torques.reversed_torques, torques.effort, torques.inclined,
 )  # fmt: skip
 OF_RANGE = ("unit", "turns")  # faults that a range of angles may tell by mistake
 RUNS = (bodies.axis, bodies.joint_scale, bodies.gravity, bodies.weights, bodies.gains)
@@ -43,7 +46,7 @@ def look(model: Model, records: Sequence[Record]) -> list[Finding]:
     if not bench.possible or not all(finding.mends for finding in found):
         return found + large  # no simulation is possible, or it would be of a wrong set-up
     rounds = 0 if bench.free else LIMITS.rounds
-    for test in (*TESTS, *(best,) * rounds, signals.effort):
+    for test in (*TESTS, *(best,) * rounds, *OF_TORQUES):
         new = test(bench) if all(finding.mends for finding in found) else []
         found += new
         bench = bench.mended(mend.changes_of(new))

@@ -91,6 +91,15 @@ class Finding:
         }
 
 
+def from_plain(values: Mapping[str, Any]) -> Finding:
+    """A finding from `Finding.plain`, whose sentence has the lines."""
+    mends, *others = (
+        tuple(Change(**line) for line in some) for some in (values["mends"], *values["others"])
+    )
+    about = values["fault"], tuple(values["joints"]), values["says"]
+    return Finding(*about, mends, tuple(others), values["stops"])
+
+
 def roles_of(record: Record, joint: str) -> tuple[str, ...]:
     """Roles of the columns of a joint in a record."""
     measured = JOINT_SIGNALS if joint in record.joints else ()

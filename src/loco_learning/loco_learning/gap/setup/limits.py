@@ -28,7 +28,8 @@ class Limits:
         both: Ratio above which the common scale of positions and commands is wrong.
         scales: Ratios of the initial grid search.
         sections: Steps of the golden-section search about the best of them.
-        tilted: Angle above which a base is mounted wrongly; less is a slope [rad].
+        tilted: Angle above which a motion tells that a base is mounted wrongly [rad]; torques tell
+            it from the priors of a slope on (`EFFECTS`), and `doubt`.
         finer: Distance to each side over which a wrong angle is searched in sections [rad] (taste).
         carried: Largest error of zero gravity over that of rotated gravity, which has two
             parameters.
@@ -41,11 +42,12 @@ class Limits:
         early: Lead of a motion over its command that is impossible [samples].
         same: Distance of q from its command over that of the model, below which both are the same.
         exact: Correlation of efforts and drive torques that differ by a factor alone.
-        needed: The same for the torque of the motion, without friction.
         effort: Ratio above which an effort is in another unit.
         explained: Largest error of the torques that a corrected set-up may leave where they decide,
             over the deviation of the torques: of gains that are guessed, and friction.
         sure: Smallest gain over its error in a regression.
+        seen: Smallest share of the best determined direction of gravity at which another is fitted.
+        doubt: Standard errors by which the angle of an inclined base is above that of slopes.
         alike: Largest ratio of the errors of two corrections that cannot be distinguished.
     """
 
@@ -77,10 +79,11 @@ class Limits:
     early: float = 0.5
     same: float = 0.05
     exact: float = 0.99
-    needed: float = 0.85
     effort: float = 1.12
     explained: float = 0.8
     sure: float = 5.0
+    seen: float = 0.03
+    doubt: float = 2.0
     alike: float = 1.3
 
 

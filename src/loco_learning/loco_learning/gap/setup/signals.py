@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Mistakes of signals: wraps, whole turns, measured commands, effort units, fixed or free base."""
+"""Mistakes of signals: wraps, whole turns, measured commands, fixed or free base."""
 
 from __future__ import annotations
 
@@ -14,8 +14,7 @@ from loco_sim.robot.servo import ImpedanceDrive
 from ..recordings import lags, suspect
 from ..recordings.record import Record, bridged
 from .bench import Bench
-from .commands import moved
-from .finding import MAPPING, MODEL, OFFSET, SCALE, SIGN, UNIT, WRAP, Change, Finding
+from .finding import MAPPING, MODEL, OFFSET, WRAP, Change, Finding
 from .limits import LIMITS
 
 TURN = 2.0 * np.pi
@@ -115,29 +114,6 @@ def _following(bench: Bench, joint: str) -> tuple[float, float, float, float]:
     near = float(np.sqrt(np.nanmean((told.measured[0][:, i] - command) ** 2))) / size
     usual = float(np.sqrt(np.nanmean((run.said[0][:, k] - command) ** 2))) / size
     return early, due, near, usual
-
-
-def effort(bench: Bench) -> list[Finding]:
-    """Findings of joints whose effort is a multiple of the drive's torque and the needed torque."""
-    found: list[Finding] = []
-    needed = bench.torques() if not (bench.led or bench.free) else None
-    for joint in needed.joints if needed else ():
-        by_motion, alike = moved(needed, joint)
-        if alike < -LIMITS.needed:
-            text = f"tau of {joint} has the other sign than what the motion needs ({alike:.2f})"
-            found += [Finding("sign", (joint,), text, (Change(MAPPING, SIGN, -1, "tau", joint),))]
-        unit = suspect.power_of_ten(by_motion) if abs(alike) > LIMITS.against else ""
-        gains = regressed(bench, joint) if abs(alike) > LIMITS.needed and not unit else None
-        ratio = float(gains[0][0]) / bench.robot.drives[joint].kp if gains else abs(by_motion)
-        off = abs(np.log(ratio)) if gains or unit else 0.0
-        if off < np.log(LIMITS.effort) or abs(np.log(ratio / abs(by_motion))) > 0.5 * off:
-            continue  # the motor gives another torque than commanded
-        text = f"tau of {joint} is {ratio:.3g} times what inertia, weight and drive ask for: " + (
-            f"probably it is in {unit}" if unit else f"a current in A, of {1.0 / ratio:.3g} N·m "
-            "per A, or raw counts? Here it is taken so")  # fmt: skip
-        line = (Change(MAPPING, *((UNIT, unit) if unit else (SCALE, 1.0 / ratio)), "tau", joint),)
-        found.append(Finding("effort", (joint,), text, line, stops=False))
-    return found
 
 
 def regressed(bench: Bench, joint: str) -> tuple[np.ndarray, np.ndarray] | None:

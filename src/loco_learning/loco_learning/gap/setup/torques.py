@@ -1,0 +1,452 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Mistakes that joint torques tell: order, sign and unit of their columns; an inclined base.
+
+Torques are regressed on what inverse dynamics needs along the measured motion, with dry and viscous
+friction in each joint, and on the commands of each drive.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.ndimage import gaussian_filter1d
+from scipy.optimize import least_squares, linear_sum_assignment, nnls
+
+from loco_sim.bolted.loop import Bolted
+from loco_sim.effects import EFFECTS, from_list
+from loco_sim.geometry import rotate_back, rotation_matrix
+from loco_sim.plant.model import Model
+from loco_sim.robot.description import Description
+from loco_sim.robot.robot import Robot
+from loco_sim.robot.servo import ImpedanceDrive, TorqueDrive
+
+from ..prediction.led import EDGE, SMOOTH
+from ..recordings import suspect
+from ..recordings.record import Record, bridged, spacing
+from .bench import Bench, robot_of
+from .finding import EFFECTS as ADDED
+from .finding import JOINT, MAPPING, MODEL, SCALE, SIGN, UNIT, Change, Finding
+from .limits import LIMITS
+from .signals import BLOCKS, regressed
+
+ROWS = 400  # rows of all recordings together at which dynamics are computed (taste: 0.1 s)
+SLOW = 0.05  # speed below which dry friction has no sign, over the rms of a joint (taste)
+STOP = 0.02  # distance from a joint stop over the range, within which it may hold (taste)
+STEP = 1e-3  # change of a position for a derivative [rad or m]
+ROUNDS = 4  # fits, each weighted by the errors of the one before (taste)
+FINEST = 0.01  # least error of a torque over its rms: what a model misses at best (taste)
+TAU, TOLD = "tau", "command_torque"
+
+
+@dataclass(frozen=True)
+class Torques:
+    """Joint torques and their causes, at T rows spread over all recordings, and n joints.
+
+    Attributes:
+        model: Robot, overrides and effects.
+        robot: Robot of the first recording.
+        tau: Measured torques [N·m or N], (T, n); NaN where not measured.
+        commands: Commanded torques, and errors of position and velocity, (T, n, 3); NaN where not
+            commanded, or where the drive does not follow them.
+        q: Positions [rad or m], (T, n).
+        speed: Velocities, (T, n).
+        rate: Accelerations, (T, n).
+        free: Torques that the motion needs without weight, (T, n); NaN if unknown.
+        weight: Torques that hold the weight per component of gravity, (T, n, 3); NaN if unknown.
+        gravity: Acceleration of gravity in the model [m/s²], (3,).
+    """
+
+    model: Model
+    robot: Robot
+    tau: np.ndarray
+    commands: np.ndarray
+    q: np.ndarray
+    speed: np.ndarray
+    rate: np.ndarray
+    free: np.ndarray
+    weight: np.ndarray
+    gravity: np.ndarray
+
+    @property
+    def columns(self) -> dict[str, np.ndarray]:
+        """Recorded torques by role, (T, n): measured ones, and commands that drives only pass."""
+        passed = [isinstance(self.robot.drives.get(j), TorqueDrive) for j in self.robot.joints]
+        return {TAU: self.tau, TOLD: np.where(passed, self.commands[:, :, 0], np.nan)}
+
+    def joint_torques(self, joint: int) -> np.ndarray:
+        """Dry and viscous friction and a rotor, of 1 per unit of sign, speed and rate, (T, 3)."""
+        speed = self.speed[:, joint]
+        slow = SLOW * np.sqrt(np.mean(speed**2)) + 1e-9
+        return np.stack([np.tanh(speed / slow), speed, self.rate[:, joint]], axis=1)
+
+    def body_torque(self, joint: int) -> np.ndarray:
+        """Torque of a joint that inertia and weight of the bodies need, (T,)."""
+        return self.free[:, joint] + self.weight[:, joint] @ self.gravity
+
+    def motion(self, joint: int) -> np.ndarray:
+        """Torque that the bodies need, then those of the joint itself, (T, 4)."""
+        return np.column_stack([self.body_torque(joint), self.joint_torques(joint)])
+
+    def drive(self, joint: int) -> np.ndarray:
+        """Causes of a torque by commands of its joint, (T, 0 to 3)."""
+        commands = self.commands[:, joint]
+        return commands[:, np.isfinite(commands).all(axis=0)]
+
+    def driven(self, joint: int) -> np.ndarray:
+        """Torque of a drive by its gains in robot.yaml, (T,); NaN if they do not tell it."""
+        drive, commands = self.robot.drives.get(self.robot.joints[joint]), self.commands[:, joint]
+        if isinstance(drive, TorqueDrive):
+            return drive.gain * commands[:, 0] + drive.bias - drive.slope * self.speed[:, joint]
+        if not isinstance(drive, ImpedanceDrive) or "drives" in self.robot.guessed:
+            return np.full(len(commands), np.nan)
+        return np.nan_to_num(commands[:, 0]) + commands[:, 1:] @ [drive.kp, drive.kd]
+
+    def errors(self, role: str, sign: float = 1.0) -> np.ndarray:
+        """Error of each torque (row) explained as that of each joint (column), (n, n).
+
+        Over the deviation of the torque; 1 where it is not recorded or does not change.
+        """
+        out = np.ones((len(self.robot.joints),) * 2)
+        for i, torque in enumerate(sign * self.columns[role].T):
+            for j in range(len(out)):
+                causes = [self.motion(j)] if role == TOLD else [self.motion(j), self.drive(j)]
+                out[i, j] = min(explained(cause, torque)[1] for cause in causes)
+        return out
+
+    def plant(self, *effects: dict) -> Bolted:
+        """Dynamics with further effects."""
+        made = from_list([*self.model.effects, *effects])
+        return Bolted(replace(self.robot, sensors=None), made)
+
+
+def read(bench: Bench) -> Torques | None:
+    """Torques and their causes in whole recordings, with the changes of a bench so far.
+
+    None if the recordings have too few rows away from joint stops.
+    """
+    model, records = bench.whole()
+    tables, gravity = [], np.zeros(3)
+    for record in records:
+        robot = robot_of(model, record)
+        table = _table(record, robot, max(ROWS // len(records), 2))
+        none = np.full(table["q"].shape, np.nan)
+        table |= {"free": none, "weight": np.stack([none] * 3, axis=2)}
+        if not bench.free and not robot.springs and np.isfinite(table["q"]).all():
+            plant = Bolted(replace(robot, sensors=None), from_list(model.effects))
+            motion = (table[key] for key in ("q", "speed", "rate"))
+            table["free"], table["weight"] = plant.needed(*motion)
+            gravity = plant.gravity
+        tables.append(table)
+    arrays = {key: np.concatenate([table[key] for table in tables]) for key in tables[0]}
+    if len(arrays["q"]) < LIMITS.samples:
+        return None
+    return Torques(model, robot_of(model, records[0]), gravity=gravity, **arrays)
+
+
+def _table(record: Record, robot: Robot, count: int) -> dict[str, np.ndarray]:
+    """Smoothed motion, torques and commands at some rows of a recording."""
+    q, tau = record.read_of(robot, "q"), record.read_of(robot, "tau")
+    measured = np.flatnonzero(np.isfinite(q).any(axis=1))
+    width = max(SMOOTH / record.dt, 2.0 * spacing(measured))
+    low, high = np.transpose([Description(robot.urdf).limits(joint) for joint in robot.joints])
+    margin = STOP * np.where(np.isfinite(high - low), high - low, 0.0)
+    free = ~np.any((q[measured] < low + margin) | (q[measured] > high - margin), axis=1)
+    inner = measured[(measured >= EDGE * width) & (measured < len(q) - EDGE * width) & free]
+    rows = inner[np.linspace(0, len(inner) - 1, min(count, len(inner))).astype(int)]
+
+    def smooth(values: np.ndarray, order: int = 0) -> np.ndarray:
+        # a kernel cut at 4 deviations, as by default, takes a constant for an acceleration
+        mean = gaussian_filter1d(bridged(values), width, axis=0, order=order, truncate=6.0)
+        return np.where(np.isfinite(values).any(axis=0), mean, np.nan) / record.dt**order
+
+    commands, speed = np.full((*q.shape, 3), np.nan), smooth(q, 1)
+    for joint in set(record.driven) & set(robot.joints):
+        i, k = robot.joints.index(joint), record.driven.index(joint)
+        of = {kind: values[:, k] for kind, values in record.command.items()}
+        drive = robot.drives.get(joint)
+        commands[:, i, 0] = of.get("torque", np.nan)
+        if "position" in of and not getattr(drive, "integrates", isinstance(drive, TorqueDrive)):
+            commands[:, i, 1] = of["position"] - q[:, i]
+            wish = getattr(drive, "speed_feed", 1.0) * of.get("velocity", 0.0)
+            commands[:, i, 2] = wish - speed[:, i]
+    commands = np.stack([smooth(commands[:, :, k]) for k in range(3)], axis=2)
+    table = {"q": smooth(q), "speed": speed, "rate": smooth(q, 2), "tau": smooth(tau)}
+    return {key: values[rows] for key, values in {**table, "commands": commands}.items()}
+
+
+def explained(
+    causes: np.ndarray, torque: np.ndarray, given: np.ndarray | float = 0.0
+) -> tuple[np.ndarray, float]:
+    """Regression of a torque on causes that do not act backwards, and on a constant.
+
+    Args:
+        causes: (T, k).
+        torque: (T,).
+        given: Part of the torque that is not fitted, (T,).
+
+    Returns:
+        Coefficients, (k,), not negative; the error over the deviation of the torque, 1 if
+        something is unknown or the torque does not change.
+    """
+    size = float(np.linalg.norm(torque - torque.mean()))
+    rest, causes = torque - given, causes - causes.mean(axis=0)
+    if not causes.size or not np.isfinite(rest.sum() + causes.sum()) or not size > 1e-9:
+        return np.zeros(causes.shape[1]), 1.0
+    by, error = nnls(causes, rest - rest.mean())
+    return by, float(error) / size
+
+
+def exchanged(bench: Bench) -> list[Finding]:
+    """Findings of joints whose torques are those of other joints."""
+    torques, findings = read(bench), list[Finding]()
+    for role in torques.columns if torques else ():
+        errors = np.minimum(torques.errors(role), torques.errors(role, -1.0))
+        to = linear_sum_assignment(np.log(np.maximum(errors, FINEST)))[1]
+        for ring in _rings(to):
+            after, before = errors[ring, to[ring]], np.diag(errors)[ring]
+            if np.any(after > np.minimum(before / LIMITS.better, LIMITS.left)):
+                continue
+            pairs = [(torques.robot.joints[i], torques.robot.joints[to[i]]) for i in ring]
+            texts = (f"{role} of {a} is that of {b}: {e:.0%} not explained, {o:.0%} as its own"
+                     for (a, b), e, o in zip(pairs, after, before, strict=True))  # fmt: skip
+            lines = tuple(Change(MAPPING, JOINT, b, role, a) for a, b in pairs)
+            findings.append(
+                Finding("exchanged", tuple(a for a, _ in pairs), ", ".join(texts), lines)
+            )
+    return findings
+
+
+def _rings(to: np.ndarray) -> Iterator[list[int]]:
+    """Cycles of a permutation, (n,), without those of one."""
+    moved = set(np.flatnonzero(to != np.arange(len(to))).tolist())
+    while moved:
+        ring = [min(moved)]
+        while (following := int(to[ring[-1]])) != ring[0]:
+            ring.append(following)
+        moved -= set(ring)
+        yield ring
+
+
+def reversed_torques(bench: Bench) -> list[Finding]:
+    """Findings of joints whose torque has the other sign than motion and drive need."""
+    torques, findings = read(bench), list[Finding]()
+    for role in torques.columns if torques else ():
+        errors = [np.diag(torques.errors(role, sign)) for sign in (1.0, -1.0)]
+        for joint, before, after in zip(torques.robot.joints, *errors, strict=True):
+            if after <= min(before / LIMITS.better, LIMITS.left):
+                says = f"{role} of {joint} has the other sign than motion and drive ask for: " \
+                       f"{before:.0%} of it are not explained, reversed {after:.0%}"  # fmt: skip
+                line = Change(MAPPING, SIGN, -1, role, joint)
+                findings.append(Finding("sign", (joint,), says, (line,)))
+    return findings
+
+
+def commanded(bench: Bench) -> list[Finding]:
+    """Findings of joints whose commanded torque has another unit than that of other joints."""
+    torques = read(bench)
+    if torques is None:
+        return []
+    units = [_unit(torques, i, torque) for i, torque in enumerate(torques.columns[TOLD].T)]
+    rows = zip(torques.robot.joints, units, strict=True) if "" in units else ()
+    return [_effort(TOLD, joint, 1.0 / suspect.POWERS[unit], unit) for joint, unit in rows if unit]
+
+
+def effort(bench: Bench) -> list[Finding]:
+    """Findings of joints whose measured torque is a multiple of what motion and drive need."""
+    torques, findings = read(bench), list[Finding]()
+    for i, joint in enumerate(torques.robot.joints if torques else ()):
+        tau = torques.tau[:, i]
+        unit, (by_motion, determined) = _unit(torques, i, tau), _ratio(torques, i, tau)
+        gains = None if torques.robot.guessed else regressed(bench, joint)
+        if not gains:
+            findings += [_effort(TAU, joint, 1.0 / suspect.POWERS[unit], unit)] if unit else []
+            continue
+        ratio = float(gains[0][0]) / torques.robot.drives[joint].kp
+        size, power = abs(np.log(ratio)), suspect.power_of_ten(ratio)
+        agrees = determined and abs(np.log(ratio / by_motion)) < 0.5 * size
+        if size > np.log(LIMITS.effort) and (agrees or unit and unit == power):
+            findings.append(_effort(TAU, joint, ratio, power))  # else the motor is weak, or masses
+    return findings
+
+
+def _effort(role: str, joint: str, ratio: float, unit: str = "") -> Finding:
+    """Finding of a torque that is so many times what it should be, in a unit or by a scale."""
+    what = f"probably it is in {unit.replace(' ', '·')}" if unit else (
+        f"a current in A, of {1.0 / ratio:.3g} N·m per A, or raw counts? Here it is taken so"
+    )  # fmt: skip
+    says = f"{role} of {joint} is {ratio:.3g} times what inertia, weight and drive ask for: {what}"
+    line = Change(MAPPING, *((UNIT, unit) if unit else (SCALE, 1.0 / ratio)), role, joint)
+    return Finding("effort", (joint,), says, (line,), stops=False)
+
+
+def _unit(torques: Torques, joint: int, torque: np.ndarray) -> str | None:
+    """Unit with which inertia and weight explain a torque; empty for N·m, None if none does.
+
+    Friction and the rotor of the joint, which the model may lack, are fitted.
+    """
+    body, causes = torques.body_torque(joint), torques.joint_torques(joint)
+    sizes = {"": 1.0, **suspect.POWERS}
+    errors = {unit: explained(causes, size * torque, body)[1] for unit, size in sizes.items()}
+    unit = min(errors, key=errors.get)
+    limits = [errors[""]] if unit else []
+    limits.append(explained(causes, torque)[1])  # inertia and weight must matter
+    limit = min(LIMITS.left, *np.divide(limits, LIMITS.better))
+    return unit if errors[unit] <= limit else None
+
+
+def _ratio(torques: Torques, joint: int, torque: np.ndarray) -> tuple[float, bool]:
+    """Ratio of a torque to what inertia and weight need, and whether it is well determined."""
+    causes = torques.motion(joint)[:, :-1]
+    (by, *_), error = explained(causes, torque)
+    parts = np.array_split(np.arange(len(torque)), BLOCKS) if by > 0.0 else ()
+    each = [explained(np.delete(causes, part, axis=0), np.delete(torque, part))[0][0]
+            for part in parts]  # fmt: skip
+    determined = by > LIMITS.sure * np.sqrt(BLOCKS - 1.0) * np.std(each) if each else False
+    return float(by), bool(determined and error < LIMITS.explained)
+
+
+@dataclass(frozen=True)
+class Residual:
+    """Torques that a model misses, without what friction and rotors in the joints explain.
+
+    Attributes:
+        torque: Torques, (T, n); 0 in joints whose torques are not measured.
+        friction: Orthonormal functions of time of friction and rotor of each joint, (n, T, 3).
+        weights: One over the error of each joint, (n,); 0 where torques are not measured.
+    """
+
+    torque: np.ndarray
+    friction: np.ndarray
+    weights: np.ndarray
+
+    @staticmethod
+    def of(torques: Torques, torque: np.ndarray, measured: np.ndarray) -> Residual:
+        """Torques that a model misses, weighted by the errors that remain with gravity fitted."""
+        values = np.where(measured, torque - torques.free - torques.weight @ torques.gravity, 0.0)
+        friction = np.array(
+            [np.linalg.qr(torques.joint_torques(i))[0] for i in range(len(measured))]
+        )
+        least = FINEST * np.sqrt(np.mean(np.where(measured, torque, 0.0) ** 2, axis=0)) + 1e-9
+        residual = Residual(values, friction, measured / np.max(least))
+        for _ in range(ROUNDS):
+            by = residual.fitted(torques.weight)[0]
+            rest = residual.without((values - torques.weight @ by)[..., None])[..., 0]
+            error = np.maximum(np.sqrt(np.mean(rest**2, axis=0)), least)
+            residual = replace(residual, weights=measured / error)
+        return residual
+
+    def without(self, values: np.ndarray) -> np.ndarray:
+        """Part of some values of each joint that friction does not explain, (T, n, k)."""
+        part = np.einsum("nta,tnk->nak", self.friction, values)
+        return values - np.einsum("nta,nak->tnk", self.friction, part)
+
+    def fitted(self, columns: np.ndarray) -> tuple[np.ndarray, float, float]:
+        """Least squares of the torques.
+
+        Args:
+            columns: Torques per unit of each unknown, (T, n, k).
+
+        Returns:
+            The unknowns, (k,); their error by leaving out each joint, and parts of the time; the
+            error of the torques over that of each joint.
+        """
+        both = np.concatenate([columns, self.torque[..., None]], axis=2)
+        both = self.without(both) * self.weights[:, None]
+
+        def solved(table: np.ndarray) -> np.ndarray:
+            table = table.reshape(-1, table.shape[2])
+            return np.linalg.lstsq(table[:, :-1], table[:, -1], rcond=LIMITS.seen)[0]
+
+        by, square = solved(both), 0.0
+        used = np.flatnonzero(self.weights)
+        for parts, axis in ((np.array_split(np.arange(len(both)), BLOCKS), 0), (used, 1)):
+            each = [solved(np.delete(both, part, axis=axis)) for part in parts]
+            square += (len(each) - 1.0) * float(np.sum(np.var(each, axis=0)))
+        return by, np.sqrt(square), self.error(columns, by)
+
+    def error(self, columns: np.ndarray, by: np.ndarray) -> float:
+        """Error that given unknowns leave, over that of each joint."""
+        rest = self.without((self.torque - columns @ by)[..., None])[..., 0] * self.weights
+        return float(np.sqrt(np.mean(rest[:, self.weights > 0.0] ** 2)))
+
+
+def inclined(bench: Bench) -> list[Finding]:
+    """Finding of a base that is inclined, by the torques that hold the weight.
+
+    Gravity is fitted to the torques of all joints at once, with friction in each. It is reported if
+    no offset of one angle or one torque, and no change of one body, explains them as well, and if
+    the angle is above those of the slopes that a search looks for.
+    """
+    torques = read(bench)
+    if torques is None:
+        return []
+    torque, pull = torques.tau.copy(), float(np.linalg.norm(torques.gravity))
+    for i in np.flatnonzero(np.isnan(torque).any(axis=0)):
+        torque[:, i] = torques.driven(i)
+    measured = np.isfinite(torque).all(axis=0)
+    if not measured.any() or not pull or not np.isfinite(torques.weight).all():
+        return []
+    residual = Residual.of(torques, torque, measured)
+    by, error, _ = residual.fitted(torques.weight)
+    down = (torques.gravity + by) * pull / max(float(np.linalg.norm(torques.gravity + by)), 1e-9)
+    angle = float(np.arccos(np.clip(down @ torques.gravity / pull**2, -1.0, 1.0)))
+    before, after = (
+        residual.error(torques.weight, x) for x in (np.zeros(3), down - torques.gravity)
+    )
+    least = EFFECTS["slope"].identity.priors["pitch"].high + LIMITS.doubt * error / pull
+    if angle < least or after > before / LIMITS.better:
+        return []
+    if any(
+        residual.fitted(columns)[2] < LIMITS.alike * after
+        for columns in _rivals_of(torques, residual)
+    ):
+        return []
+    spec = {"name": "slope", **_slope(torques.gravity, down)}
+    pose = "upside down" if angle > 0.9 * np.pi else "inclined"
+    angles = f"{np.degrees(angle):.1f} ± {np.degrees(error / pull):.1f} degrees"
+    says = f"by the torques that hold the weight it pulls {angles} away from where the model has " \
+           f"it: the base is {pose}"  # fmt: skip
+    return [Finding("gravity turned", (), says, (Change(MODEL, ADDED, (spec,)),))]
+
+
+def _slope(gravity: np.ndarray, down: np.ndarray) -> dict[str, float]:
+    """Pitch and roll of an effect `slope` that turns gravity to another direction, (3,) each."""
+
+    def rest(x: np.ndarray) -> np.ndarray:
+        turn = EFFECTS["slope"](pitch=x[0], roll=x[1]).turn()
+        return np.array(rotate_back(rotation_matrix(turn), tuple(gravity))) - down
+
+    up = -down / np.linalg.norm(down)
+    start = np.arcsin(np.clip(up[0], -1.0, 1.0)), np.arctan2(up[1], up[2])
+    pitch, roll = least_squares(rest, start, bounds=(-3.2, 3.2)).x
+    return {"pitch": round(float(pitch), 4), "roll": round(float(roll), 4)}
+
+
+def _rivals_of(torques: Torques, residual: Residual) -> Iterator[np.ndarray]:
+    """Torques of what may pass for an inclined base, per unit of each unknown, (T, n, k).
+
+    Offsets of the torque and of the angle of a joint, and a mass anywhere in the body it moves.
+    An offset of an angle that the drive does not know is none of the drive's torque either.
+    """
+    holding, none = torques.weight @ torques.gravity, np.zeros(torques.q.shape)
+    text = Description(torques.robot.urdf)
+    for i, joint in enumerate(torques.robot.joints):
+        one = np.eye(len(torques.robot.joints))[i]
+        yield (none + one)[..., None]
+        shifted = torques.plant().needed(torques.q + STEP * one, none, none)[1] @ torques.gravity
+        columns = ((shifted - holding) / STEP)[..., None]
+        stiff = getattr(torques.robot.drives.get(joint), "kp", 0.0)
+        if np.isnan(torques.tau[:, i]).any():
+            yield columns + (stiff * one)[:, None]
+        elif not abs(np.mean(torques.tau[:, i] - torques.driven(i))) < 0.5 * stiff * abs(
+            residual.fitted(columns)[0][0]
+        ):
+            yield columns
+        places = ([0.0, 0.0, 0.0], *np.eye(3).tolist())
+        body = {"name": "payload", "link": text.child(joint), "mass": 1.0}
+        loaded = (torques.plant({**body, "position": at}) for at in places)
+        yield np.stack(
+            [p.needed(torques.q, none, none)[1] @ torques.gravity - holding for p in loaded], 2
+        )

@@ -1,0 +1,229 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Mistakes of torques are told by inverse dynamics, on a robot of loco's and one made here."""
+
+import shutil
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+
+import loco_sim
+from loco_learning.gap.setup import family
+from loco_sim.bolted.loop import Bolted
+from loco_sim.effects import from_list
+from loco_sim.plant.model import Model
+
+from .conftest import read
+
+ASSETS = Path(loco_sim.__file__).parent / "assets"
+DT, SECONDS = 0.004, 8.0
+LINK = (
+    '<link name="{name}"><inertial><origin xyz="0.01 0.02 {half}"/><mass value="{mass}"/>'
+    '<inertia ixx="{i}" iyy="{i}" izz="{i}" ixy="0" ixz="0" iyz="0"/></inertial></link>'
+)
+JOINT = (
+    '<joint name="{name}" type="revolute"><parent link="{parent}"/><child link="{name}_link"/>'
+    '<origin xyz="0 0 {at}"/><axis xyz="{axis}"/>'
+    '<limit lower="-3" upper="3" effort="300" velocity="10"/></joint>'
+)
+ARM = {  # axis, length of the link before [m], mass [kg], kp, kd, standing [rad]
+    "turn": ("0 0 1", 0.1, 3.0, 300.0, 20.0, 0.0),
+    "lift": ("0 1 0", 0.1, 2.5, 900.0, 60.0, 0.7),
+    "bend": ("0 1 0", 0.4, 1.5, 500.0, 25.0, 0.9),
+    "roll": ("0 0 1", 0.3, 0.5, 60.0, 1.5, 0.2),
+    "nod": ("1 0 0", 0.1, 0.5, 60.0, 1.5, 0.4),
+}
+
+
+def urdf():
+    """A robot of five joints."""
+    parts, parent = ['<link name="base"/>'], "base"
+    for name, (axis, at, mass, *_) in ARM.items():
+        parts.append(LINK.format(name=f"{name}_link", half=0.15, mass=mass, i=0.02 * mass))
+        parts.append(JOINT.format(name=name, parent=parent, at=at, axis=axis))
+        parent = f"{name}_link"
+    return f'<robot name="made">{"".join(parts)}</robot>'
+
+
+def arm(folder):
+    drives = {j: {"kind": "impedance", "kp": v[3], "kd": v[4]} for j, v in ARM.items()}
+    values = {
+        "urdf": "made.urdf",
+        "fixed_base": True,
+        "height": 1.0,
+        "joints": list(ARM),
+        "control_rate": 250,
+        "drives": drives,
+        "standing": [v[5] for v in ARM.values()],
+    }
+    (folder / "made.urdf").write_text(urdf())
+    (folder / "robot.yaml").write_text(yaml.safe_dump(values))
+
+
+def leg(folder):
+    shutil.copytree(ASSETS / "hyq_leg", folder, dirs_exist_ok=True)
+
+
+ROBOTS = {"arm": arm, "leg": leg}
+RUBBING = (
+    {"name": "coulomb_friction", "joint": "*", "torque": 0.5},
+    {"name": "viscous_friction", "joint": "*", "damping": 0.3},
+)
+
+
+@cache
+def measured(name, folder, effects, seed=3):
+    """Columns of a recording of a robot with effects."""
+    robot = Model(str(folder / "robot.yaml")).make_robot()
+    rng, n = np.random.default_rng(seed), len(robot.joints)
+    t = DT * np.arange(round(SECONDS / DT))
+    f, p = rng.uniform(0.1, 0.7, (n, 4)), rng.uniform(0.0, 6.0, (n, 4))
+    wave = np.sum(np.sin(2.0 * np.pi * f * t[:, None, None] + p) - np.sin(p), axis=2)
+    told = robot.standing + 0.2 * wave * np.minimum(1.0, t)[:, None]
+    made = from_list([dict(one) for one in effects])
+    run = Bolted(robot, made, 0, DT).run(told)
+    rows = {"t": t}
+    for i, joint in enumerate(robot.joints):
+        rows[f"q_{joint}"] = run.q[:, i] + 1e-5 * rng.normal(size=len(t))
+        rows[f"tau_{joint}"] = run.tau[:, i] + 0.05 * rng.normal(size=len(t))
+        rows[f"cmd_{joint}"] = told[:, i]
+    return rows
+
+
+ROLES = {"q": "q", "tau": "tau", "cmd": "command_position"}
+ALL, UNMEASURED, PASSED = ("q", "tau", "cmd"), ("q", "cmd"), ("q", "tau")
+
+
+@pytest.fixture
+def judged(tmp_path):
+    """Function that records a robot with effects and a mistake, and looks at its set-up.
+
+    Without commands, torques are what the drives were told.
+    """
+
+    def make(name, effects=RUBBING, change=None, kinds=ALL):
+        folder = tmp_path / "set"
+        folder.mkdir()
+        ROBOTS[name](folder)
+        rows = dict(measured(name, folder, tuple(tuple(e.items()) for e in effects)))
+        if change:
+            change(rows)
+        text = ",".join(rows)
+        np.savetxt(folder / "run.csv", np.stack(list(rows.values()), axis=1), "%.7g", ",",
+                   header=text, comments="")  # fmt: skip
+        roles = {**ROLES, "tau": "command_torque"} if kinds == PASSED else ROLES
+        columns = [{"column": c, "role": roles[c.partition("_")[0]], "joint": c.partition("_")[2]}
+                   for c in rows if c.partition("_")[0] in kinds]  # fmt: skip
+        if kinds == PASSED:
+            values = yaml.safe_load((folder / "robot.yaml").read_text())
+            values["drives"] = {joint: {"kind": "torque"} for joint in values["joints"]}
+            (folder / "robot.yaml").write_text(yaml.safe_dump(values))
+        mapping = {"files": "*.csv", "time": {"column": "t"}, "columns": columns}
+        (folder / "mapping.yaml").write_text(yaml.safe_dump(mapping))
+        return family.look(*read(folder))
+
+    return make
+
+
+EFFECTS = {
+    "none": (),
+    "rough": (
+        {"name": "coulomb_friction", "joint": "*", "torque": 4.0},
+        {"name": "viscous_friction", "joint": "*", "damping": 3.0},
+    ),
+    "friction": RUBBING,
+    "payload": (*RUBBING, {"name": "payload", "mass": 1.0}),
+    "slope": (*RUBBING, {"name": "slope", "pitch": 0.05, "roll": -0.04}),
+    "bias": (*RUBBING, {"name": "torque_bias", "joint": "*", "torque": 1.0}),
+}
+
+
+@pytest.mark.parametrize(
+    ("effects", "kinds"),
+    [
+        *((name, ALL) for name in EFFECTS),
+        ("payload", UNMEASURED),
+        ("payload", PASSED),
+        ("rough", PASSED),
+    ],
+)
+@pytest.mark.parametrize("name", ROBOTS)
+def test_physical_effects_are_no_mistake_of_the_set_up(judged, name, effects, kinds):
+    assert judged(name, EFFECTS[effects], kinds=kinds) == []
+
+
+@pytest.mark.parametrize(
+    ("name", "tilt"),
+    [
+        ("arm", {"pitch": 0.14}), ("arm", {"roll": -0.25}), ("arm", {"pitch": -0.2, "roll": 0.2}),
+        ("leg", {"pitch": 0.2}), ("leg", {"roll": -0.2}), ("leg", {"pitch": -0.2, "roll": 0.2}),
+    ],
+)  # fmt: skip
+@pytest.mark.parametrize("kinds", [ALL, UNMEASURED])
+def test_the_angle_of_a_bench_follows_from_the_torques(judged, mended, name, tilt, kinds):
+    found = judged(name, (*RUBBING, {"name": "slope", **tilt}), kinds=kinds)
+    (finding,) = found
+    assert finding.fault == "gravity turned" and finding.stops and not finding.others
+    (spec,) = finding.mends[0].value
+    for key in ("pitch", "roll"):
+        assert spec[key] == pytest.approx(tilt.get(key, 0.0), abs=0.02)
+    assert family.look(*mended(found)) == []
+
+
+def times(factor, *columns):
+    def change(rows):
+        for column in columns:
+            rows[column] = factor * rows[column]
+
+    return change
+
+
+def ring(*columns):
+    """Each of some columns given to the next."""
+
+    def change(rows):
+        values = [rows[column] for column in columns]
+        for column, value in zip((*columns[1:], columns[0]), values, strict=True):
+            rows[column] = value
+
+    return change
+
+
+HIPS = "tau_lf_haa_joint", "tau_lf_hfe_joint", "tau_lf_kfe_joint"
+PLANTED = [
+    ("arm", ring("tau_lift", "tau_bend"), {"exchanged"}, {"lift", "bend"}),
+    ("arm", ring("tau_turn", "tau_roll"), {"exchanged"}, {"turn", "roll"}),
+    ("arm", ring("tau_lift", "tau_bend", "tau_nod"), {"exchanged"}, {"lift", "bend", "nod"}),
+    ("arm", times(-1.0, "tau_roll"), {"sign"}, {"roll"}),
+    ("arm", times(-1.0, "tau_lift", "tau_nod"), {"sign"}, {"lift", "nod"}),
+    ("arm", times(1e3, "tau_bend"), {"effort"}, {"bend"}),
+    ("arm", times(100.0, "tau_nod"), {"effort"}, {"nod"}),
+    ("arm", times(1e-3, "tau_turn"), {"effort"}, {"turn"}),
+    ("leg", ring(*HIPS[:2]), {"exchanged"}, {"lf_haa_joint", "lf_hfe_joint"}),
+    ("leg", ring(*HIPS), {"exchanged"}, {"lf_haa_joint", "lf_hfe_joint", "lf_kfe_joint"}),
+    ("leg", times(-1.0, HIPS[0]), {"sign"}, {"lf_haa_joint"}),
+    ("leg", times(1e3, HIPS[2]), {"effort"}, {"lf_kfe_joint"}),
+    ("leg", times(100.0, HIPS[1]), {"effort"}, {"lf_hfe_joint"}),
+]
+
+
+@pytest.mark.parametrize(
+    ("name", "change", "faults", "joints", "kinds"),
+    [
+        *((*row, ALL) for row in PLANTED),
+        *((*row, PASSED) for row in (*PLANTED[2:9:3], PLANTED[-1])),
+    ],
+)
+def test_columns_of_torques_are_told_by_what_the_motion_needs(
+    judged, mended, name, change, faults, joints, kinds
+):
+    found = judged(name, change=change, kinds=kinds)
+    assert {finding.fault for finding in found} == faults, list(map(str, found))
+    assert {joint for finding in found for joint in finding.joints} == joints
+    role = "command_torque" if kinds == PASSED else "tau"
+    lines = [change for finding in found for change in finding.mends]
+    assert {(c.role, c.joint) for c in lines} == {(role, joint) for joint in joints}
+    assert not any(finding.others for finding in found)
+    assert family.look(*mended(found)) == []
