@@ -26,7 +26,9 @@ def arm(request) -> tuple[Body, str]:
 def guessed(body: Body, urdf: str, wheels: dict | None = None) -> tuple[list[str], ET.Element]:
     root, rng = ET.fromstring(urdf), np.random.default_rng(0)
     loads = body.weight_torque(np.zeros(len(body.joints)), [], np.zeros((0, 3)))
-    return limits.guess(root, body, loads, wheels or {}, 1.0, rng), root
+    names, notes = limits.guess(root, body, loads, wheels or {}, 1.0, rng)
+    assert notes == []
+    return list(dict.fromkeys(name for name, _ in names)), root
 
 
 def limit_of(root: ET.Element, joint: str) -> dict[str, float]:
@@ -50,6 +52,50 @@ def test_an_effort_that_is_missing_or_nothing_holds_the_robot_in_any_posture(arm
         q = np.random.default_rng(seed).uniform(-3.0, 3.0, len(body.joints))
         assert np.all(np.abs(body.weight_torque(q, [], limits.NO_FEET)) < efforts)
     assert all(limit_of(root, joint)["velocity"] == 100.0 for joint in body.joints)
+
+
+def rod(kind: str, axis: str, effort: str) -> tuple[Body, ET.Element]:
+    """A body of 2 kg, 0.4 m from its joint; a second one carries nothing, with the same limit."""
+    inertia = '<inertia ixx="0.1" iyy="0.1" izz="0.1" ixy="0" ixz="0" iyz="0"/>'
+    link = f'<inertial><origin xyz="0.4 0 0"/><mass value="2"/>{inertia}</inertial>'
+    joints = "".join(
+        f'<joint name="{name}" type="{kind}"><parent link="base"/><child link="{name}_link"/>'
+        f'<axis xyz="{along}"/><limit lower="-1" upper="1" velocity="1" effort="{effort}"/></joint>'
+        f'<link name="{name}_link">{link}</link>'
+        for name, along in (("loaded", axis), ("free", "0 0 1" if kind == "revolute" else "0 1 0"))
+    )
+    urdf = f'<robot name="rod"><link name="base"/>{joints}</robot>'
+    return Body(Description(urdf)), ET.fromstring(urdf)
+
+
+@pytest.mark.parametrize(
+    ("kind", "axis", "effort", "needs"),
+    [
+        ("revolute", "0 1 0", "1", "its weight alone needs 7.8"),
+        ("prismatic", "0 0 1", "1.0", "its weight alone needs 19.6 N:"),
+        ("prismatic", "1 0 0", "0.05", "an acceleration of 0.1 m/s² needs 0.2 N:"),
+    ],
+)
+def test_an_effort_limit_far_below_what_the_weight_needs_is_not_used(kind, axis, effort, needs):
+    body, root = rod(kind, axis, effort)
+    loads = np.zeros(len(body.joints))
+    names, notes = limits.guess(root, body, loads, {}, 1.0, np.random.default_rng(0))
+    assert ("loaded", "effort") in names
+    (note,) = [note for note in notes if note.startswith("loaded: ")]
+    assert f"effort limit {float(effort):g} N" in note and needs in note
+    assert "not used (guessed" in note and "correct <limit effort>" in note
+    weight = np.abs(body.weight_torque(np.zeros(2), [], limits.NO_FEET))
+    assert limit_of(root, "loaded")["effort"] > weight[body.joints.index("loaded")]
+    if float(effort) == 1.0:  # enough for the other one, which carries nothing
+        assert limit_of(root, "free")["effort"] == 1.0
+
+
+@pytest.mark.parametrize("share", [0.4, 2.0])
+def test_a_weak_joint_keeps_its_limit(share):
+    """Of Baxter or a pendulum that swings itself up: weaker than its weight, but no placeholder."""
+    body, root = rod("revolute", "0 1 0", f"{share * 2.0 * 9.81 * 0.4:.4g}")
+    names, notes = limits.guess(root, body, np.zeros(2), {}, 1.0, np.random.default_rng(0))
+    assert names == [] and notes == []
 
 
 def test_a_wheel_is_as_strong_as_the_ground_can_hold(arm):

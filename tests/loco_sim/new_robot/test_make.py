@@ -257,6 +257,26 @@ def test_a_floating_joint_to_the_world_is_a_base_that_floats(tmp_path):
     assert len(robots.load(result.folder).feet) == 4
 
 
+def test_an_arm_on_a_quadruped_is_locked_by_robot_yaml_alone(tmp_path):
+    """Deleting `locked` and `legs` frees it, as the URDF still has its joint."""
+    arm = (
+        f"<link name='arm'>{BALL}</link><joint name='shoulder' type='revolute'>"
+        "<parent link='trunk'/><child link='arm'/><origin xyz='0 0 0.1'/><axis xyz='0 1 0'/>"
+        "<limit lower='-1' upper='1'/></joint></robot>"
+    )
+    urdf = (DATA / "a1" / "a1.urdf").read_text().replace("</robot>", arm)
+    urdf = urdf.replace('filename="', f'filename="{DATA / "a1"}/')
+    result = make(written(tmp_path, urdf), tmp_path / "out")
+    assert result.stands and "shoulder" not in robots.load(result.folder).joints
+    assert any("the gait moves legs alone" in n and "shoulder" in n for n in result.notes)
+    values = yaml.safe_load((result.folder / "robot.yaml").read_text())
+    assert list(values.pop("locked")) == ["shoulder"]
+    values.pop("legs", None)
+    (result.folder / "robot.yaml").write_text(yaml.safe_dump(values))
+    freed = robots.load(result.folder)
+    assert "shoulder" in freed.drives and freed.effort[freed.joints.index("shoulder")] > 0.0
+
+
 def test_an_arm_that_cannot_hold_itself_out_hangs(tmp_path):
     """As on Baxter and PR2, whose springs no URDF tells: 2 kg at 0.4 m on a joint of 5 N·m."""
     heavy = BALL.replace('"0.5"', '"2"').replace("<inertial>", '<inertial><origin xyz="0.4 0 0"/>')
@@ -273,11 +293,12 @@ def test_an_arm_that_cannot_hold_itself_out_hangs(tmp_path):
     assert any("'shoulder' would need" in note for note in result.notes)
 
 
-def test_a_refusal_of_the_trial_leaves_nothing_behind(tmp_path):
-    """Joints that are too weak for the robot's weight: bolted it cannot swing either."""
-    weak = GOOD.replace('effort="3"', 'effort="1e-6"')
+def test_a_refusal_of_the_trial_leaves_nothing_behind(tmp_path, monkeypatch):
+    """Joints that do not follow: bolted it cannot swing either."""
+    misses = trial.Outcome("joint 'elbow' misses its swing", missed=("elbow",))
+    monkeypatch.setattr(trial, "swing", lambda robot, amplitude: misses)
     with pytest.raises(ParameterError, match="no gains were found: joint 'elbow' misses"):
-        make(written(tmp_path, weak), tmp_path / "out")
+        make(written(tmp_path, GOOD), tmp_path / "out")
     assert sorted(p.name for p in tmp_path.iterdir()) == ["cut.stl", "r.urdf"]
 
 
@@ -306,6 +327,14 @@ def test_a_joint_that_no_gains_move_is_locked_with_those_that_mimic_it(tmp_path,
     result = make(tmp_path / "hand.urdf", tmp_path / "hand")
     assert robots.load(result.folder).joints == ("arm",)
     assert any("no gains make them follow a swing: finger, thumb" in n for n in result.notes)
+    text = (result.folder / "robot.yaml").read_text()
+    for name in ("finger", "thumb"):
+        assert f"  {name}: 0  # no gains make them follow a swing\n" in text
+    lines = [line for line in text.split("\n") if not line.endswith("follow a swing")]
+    (result.folder / "robot.yaml").write_text("\n".join(lines))
+    freed = robots.load(result.folder)  # the lines deleted
+    assert set(freed.joints) == set(freed.drives) == {"arm", "finger", "thumb"}
+    assert swing(freed, np.array([0.1, 0.1, 0.1])).fault == ""
     slips = trial.Outcome("joint 'arm' slips", missed=("arm",))
     monkeypatch.setattr(trial, "swing", lambda robot, amplitude: slips)
     with pytest.raises(ParameterError, match="no gains were found: joint 'arm' slips"):

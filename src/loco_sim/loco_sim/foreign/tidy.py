@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ..robot.frames import lock, origin_of, set_pose
+from ..robot.frames import origin_of, set_pose
 from ..robot.urdf_check import mass_of
 from . import geometry, joints, units, weight
 from .notes import Notes
@@ -64,19 +64,6 @@ class Tidied:
     def link(self, name: str) -> ET.Element:
         """Element of a link."""
         return next(e for e in self.root.findall("link") if e.get("name") == name)
-
-    def lock(self, positions: dict[str, float], why: str) -> None:
-        """Fix joints at given positions.
-
-        Args:
-            positions: Position of each joint to be fixed [rad or m], by name.
-            why: The reason, for the note.
-        """
-        for joint in self.root.findall("joint"):
-            name = joint.get("name") or ""
-            if name in positions:
-                lock(joint, positions[name])
-                self._notes.add(why, name)
 
     def float_root(self, root: str) -> None:
         """Give the massless root of a floating robot a mass."""

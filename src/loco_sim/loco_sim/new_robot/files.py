@@ -7,7 +7,8 @@ import os
 import shutil
 import tempfile
 import xml.etree.ElementTree as ET
-from collections.abc import Iterable, Iterator
+from collections import Counter
+from collections.abc import Collection, Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -23,7 +24,8 @@ from ..foreign.tidy import Tidied
 from ..robot import robot as robots
 from ..robot.description import Description
 from .body import Body
-from .gains import Gains
+from .gains import Gains, choose
+from .limits import NO_FEET, guess
 from .picture import picture
 from .posture import Posture
 from .supports import Support
@@ -45,9 +47,10 @@ class Draft:
         tidied: The repaired URDF.
         notes: Sentences for the user.
         turned: Sentences about rotations of the base frame.
-        guessed_limits: Joints whose limits of effort or velocity are guessed.
+        guessed_limits: Joint and kind (effort or velocity) of each guessed limit.
         mimics: Joints that follow another one in the URDF.
         legs: Section ``legs`` of ``robot.yaml``.
+        locked: Position [rad or m] of each joint that is locked by ``robot.yaml``, and why.
         size: Longest side of the robot [m].
     """
 
@@ -55,9 +58,10 @@ class Draft:
     tidied: Tidied
     notes: list[str] = field(default_factory=list)
     turned: list[str] = field(default_factory=list)
-    guessed_limits: list[str] = field(default_factory=list)
+    guessed_limits: list[tuple[str, str]] = field(default_factory=list)
     mimics: list[str] = field(default_factory=list)
     legs: dict[str, dict[str, str]] = field(default_factory=dict)
+    locked: dict[str, tuple[float, str]] = field(default_factory=dict)
     size: float = 1.0
 
     @property
@@ -71,17 +75,46 @@ class Draft:
         return self.urdf.resolve().parent
 
     def text(self) -> str:
-        """Text of the current URDF."""
+        """Text of the current URDF, without the locks of ``robot.yaml``."""
         ET.indent(self.root)
         return ET.tostring(self.root, encoding="unicode")
 
     def description(self) -> Description:
-        """Description of the current URDF."""
-        return Description(self.text())
+        """Description of the current URDF, with the locked joints fixed."""
+        description = Description(self.text())
+        for joint, (position, _) in self.locked.items():
+            description.lock(joint, position)
+        return description
 
     def body(self) -> Body:
-        """Tree of bodies of the current URDF."""
+        """Tree of bodies of the current URDF, with the locked joints fixed."""
         return Body(self.description(), self.tidied.rotors)
+
+    def lock(self, positions: dict[str, float], why: str) -> None:
+        """Lock joints at positions [rad or m] by the key `locked` of ``robot.yaml``."""
+        self.locked |= {joint: (position, why) for joint, position in positions.items()}
+        self.mimics = [joint for joint in self.mimics if joint not in positions]
+
+    def guess_limits(
+        self, body: Body, loads: np.ndarray, wheels: dict[int, float], rng: np.random.Generator,
+        only: Collection[str] | None = None,
+    ) -> None:  # fmt: skip
+        """Set limits of joints without usable ones; arguments as of `limits.guess`."""
+        guessed, notes = guess(self.root, body, loads, wheels, self.size, rng, only)
+        self.guessed_limits = list(dict.fromkeys([*self.guessed_limits, *guessed]))
+        self.notes += notes
+
+    def freed(self) -> tuple[list[str], Gains | None]:
+        """The locked joints, and gains of drives for them once they are free (no others)."""
+        if not self.locked:
+            return [], None
+        body = Body(Description(self.text()), self.tidied.rotors)
+        names = [joint for joint in body.joints if joint in self.locked]
+        q = [self.locked[j][0] if j in self.locked else 0.0 for j in body.joints]
+        full = choose(body, np.array(q), NO_FEET, [], [], True)
+        index = [body.joints.index(joint) for joint in names]
+        armature = (full.armature + body.armature)[index]
+        return names, Gains(full.kp[index], full.kd[index], armature, full.steps)
 
     @property
     def loose(self) -> set[str]:
@@ -91,7 +124,14 @@ class Draft:
     def all_notes(self) -> list[str]:
         """Notes about repaired faults, then those about decisions."""
         extra = [f"commands made from those of the joints that they mimic: {listed(self.mimics)}"]
-        return [*self.tidied.notes, *(extra if self.mimics else []), *self.notes]
+        reasons = {why: [] for _, why in self.locked.values()}
+        for joint, (_, why) in self.locked.items():
+            reasons[why].append(joint)
+        locks = [
+            f"locked in robot.yaml, as {why}: {listed(names)}" for why, names in reasons.items()
+        ]
+        extra = extra if self.mimics else []
+        return [*self.tidied.notes, *extra, *locks, *self.notes]
 
 
 class Folder:
@@ -153,13 +193,19 @@ class Folder:
 
     def _yaml(self) -> str:
         draft, body, gains, bolted = self._draft, self._body, self._gains, not self._found
+        freed, other = draft.freed()
         lines = [
             f"# A first robot from {draft.urdf.name}, by `loco robot new`. What is marked as",
             "# guessed is not in the URDF: replace it by what you know.",
             f"urdf: {self._stem}.urdf",
             f"fixed_base: {str(bolted).lower()}  # guessed",
-            f"joints: [{_names(body.joints)}]",
+            f"joints: [{_names([*body.joints, *freed])}]",
         ]
+        if freed:
+            lines.append("locked:  # guessed; a joint moves once its line is deleted [rad, m]")
+            for name in freed:
+                position, why = draft.locked[name]
+                lines.append(f"  {_name(name)}: {position + 0.0:.6g}  # {why}")
         if self._found:
             lines.append(f"feet: [{_names(s.link for s in self._found)}]  # guessed")
         if draft.legs:
@@ -167,22 +213,25 @@ class Folder:
             for leg, parts in draft.legs.items():
                 inside = ", ".join(f"{key}: {_name(value)}" for key, value in parts.items())
                 lines.append(f"  {leg}: {{{inside}}}")
-        posture = ", ".join(f"{v + 0.0:.5g}" for v in np.round(self._q, 5))
+        at = [*self._q, *(draft.locked[name][0] for name in freed)]
+        posture = ", ".join(f"{v + 0.0:.5g}" for v in np.round(at, 5))
         lines.append(f"standing: [{posture}]  # guessed [rad, m]")
         if bolted:
             lines.append(f"height: {self._height:g}  # guessed: nothing touches the ground [m]")
         lines.append(f"control_rate: {RATE:g}  # guessed [Hz]")
         lines.append("guessed: [control_rate, drives]  # `loco gap` fits drives; delete once known")
         lines.append("drives:  # guessed; a kp of 0 is a wheel that follows a velocity")
-        for name, kp, kd in zip(body.joints, gains.kp, gains.kd, strict=True):
+        every = [*zip(body.joints, gains.kp, gains.kd, gains.armature + body.armature, strict=True)]
+        if other is not None:
+            every += zip(freed, other.kp, other.kd, other.armature, strict=True)
+        for name, kp, kd, _ in every:
             if name not in draft.loose:
                 lines.append(f"  {_name(name)}: {{kind: impedance, kp: {kp:.3g}, kd: {kd:.3g}}}")
         lines += self._springs()
-        if (gains.armature + body.armature).any():
+        if any(armature > 0.0 for *_, armature in every):
             guessed = "guessed for joints that are too light" if gains.armature.any() else "read"
             lines.append(f"dynamics:  # rotors and gears, {guessed} [kg·m²]")
-            armature = gains.armature + body.armature
-            for name, value in zip(body.joints, armature, strict=True):
+            for name, *_, value in every:
                 if value > 0.0:
                     lines.append(f"  {_name(name)}: {{armature: {value:.3g}}}")
         if self._found:
@@ -198,7 +247,7 @@ class Folder:
         lines = [
             f"  {_name(name)}: {{kind: linear, stiffness: {stiffness:.6g}, rest: {rest:.6g}}}"
             for name, (stiffness, rest) in springs.items()
-            if name in self._body.joints
+            if name in self._body.joints or name in self._draft.locked
         ]
         return ["springs:  # read", *lines] if lines else []
 
@@ -233,17 +282,19 @@ class Folder:
         draft, body, gains = self._draft, self._body, self._gains
         mass, wheels = body.mass.sum(), sum(s.wheel for s in self._found)
         slides = int(body.slides.sum())
+        moving = f"{len(body.joints)}" + f" move, {len(draft.locked)} locked" * bool(draft.locked)
         meshes = {m.get("filename") for m in draft.root.iter("mesh")}
         rows = [
             ("mass", f"{mass:.3g} kg", READ),
-            ("joints", f"{len(body.joints)}" + f", {slides} of them slides" * bool(slides), READ),
+            ("joints", moving + f", {slides} of them slides" * bool(slides), READ),
             ("meshes", f"{len(meshes)}, left where they are" if meshes else "none", READ),
         ]
         if draft.turned:
             rows.append(("base frame", "; ".join(draft.turned), GUESSED))
         if draft.guessed_limits:
-            text = f"effort or velocity of {len(draft.guessed_limits)} joints, from the weight"
-            rows.append(("limits", text, GUESSED))
+            kinds = Counter(kind for _, kind in draft.guessed_limits)
+            text = " and ".join(f"{kind} of {count}" for kind, count in sorted(kinds.items()))
+            rows.append(("limits", f"{text} joints, from the weight and the size", GUESSED))
         if posture is None:
             rows.append(("base", f"bolted {self._height:g} m above the ground", GUESSED))
         else:

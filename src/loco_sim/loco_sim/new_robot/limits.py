@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Guessed effort and velocity limits of joints without limits, and feasible swing motions."""
+"""Guessed effort and velocity limits of joints without usable ones, and feasible swing motions."""
 
 from __future__ import annotations
 
 import xml.etree.ElementTree as ET
+from collections.abc import Collection
 
 import numpy as np
 
@@ -13,6 +14,8 @@ from .body import Body
 RESERVE = 5.0  # effort limit / largest static torque
 SPEEDS_UP = 10.0  # acceleration that the effort must allow [rad/s² or m/s²]
 TURNS_AT = 1.0  # speed that the effort must allow against the damping [rad/s or m/s]
+PLACEHOLDER = 0.3  # effort limit / effort that the joint needs: no limit of a drive is less
+CREEPS = 0.1  # acceleration that any effort limit must allow [rad/s² or m/s²]
 POSES = 60  # number of random poses for the largest static torque
 PACE = 8.0  # joint velocity times sqrt(size / g) [-]
 SLIDES = 2.0  # velocity of a prismatic joint / sqrt(g size) [-]
@@ -31,8 +34,12 @@ def guess(
     wheels: dict[int, float],
     size: float,
     rng: np.random.Generator,
-) -> list[str]:
+    only: Collection[str] | None = None,
+) -> tuple[list[tuple[str, str]], list[str]]:
     """Set guessed limits of joints without limits; 0 counts as no limit.
+
+    An effort limit far below what the weight or a slow motion needs, as of a CAD export that
+    writes 1 at each joint, is a placeholder and is replaced.
 
     Args:
         root: Element of the robot, changed in place.
@@ -41,9 +48,10 @@ def guess(
         wheels: Radius of each wheel [m], by joint.
         size: Longest side of the robot [m].
         rng: Random generator of poses.
+        only: Joints whose limits are set; None for all.
 
     Returns:
-        Names of the joints with a guessed limit.
+        Joint and kind (effort or velocity) of each guessed limit; sentences on replaced limits.
     """
     effort, velocity = np.abs(loads), np.full(len(body.joints), PACE * np.sqrt(GRAVITY / size))
     velocity[body.slides] = SLIDES * np.sqrt(GRAVITY * size)
@@ -52,22 +60,50 @@ def guess(
     for _ in range(POSES):
         q = low + (high - low) * rng.random(len(low))
         effort = np.maximum(effort, np.abs(body.weight_torque(q, [], NO_FEET)))
-    effort = RESERVE * np.maximum(effort, 0.02 * effort.max(initial=0.0))
     held = np.diag(body.inertia(body.nominal(), bolted=True))
+    weight, creep = effort, CREEPS * held
+    effort = RESERVE * np.maximum(effort, 0.02 * effort.max(initial=0.0))
     effort = np.maximum(effort, SPEEDS_UP * held + RESERVE * TURNS_AT * body.damping)
     for joint, radius in wheels.items():
         effort[joint] = GRIP * body.mass.sum() * GRAVITY * radius / len(wheels)
         velocity[joint] = 4.0 * np.sqrt(GRAVITY * size) / radius
     effort = np.maximum(effort, 1e-3)
     guessed, elements = [], {j.get("name"): j for j in root.findall("joint")}
-    for name, torque, speed in zip(body.joints, effort, velocity, strict=True):
-        limit = elements[name].find("limit")
-        limit = ET.SubElement(elements[name], "limit") if limit is None else limit
-        for key, value in (("effort", torque), ("velocity", speed)):
+    selected = [k for k, name in enumerate(body.joints) if only is None or name in only]
+    for k in selected:
+        if elements[body.joints[k]].find("limit") is None:
+            ET.SubElement(elements[body.joints[k]], "limit")
+    limits = {k: elements[body.joints[k]].find("limit") for k in selected}
+    given = {k: float(limit.get("effort", 0.0)) for k, limit in limits.items() if k not in wheels}
+    notes = []
+    for k in _placeholders(given, np.maximum(weight, creep)):
+        unit, pace = ("N", "m/s²") if body.slides[k] else ("N·m", "rad/s²")
+        heavy = weight[k] >= creep[k]
+        cause = "its weight alone" if heavy else f"an acceleration of {CREEPS:g} {pace}"
+        notes.append(
+            f"{body.joints[k]}: effort limit {given[k]:g} {unit}, {cause} needs "
+            f"{max(weight[k], creep[k]):.3g} {unit}: the limit is not used (guessed "
+            f"{effort[k]:.3g} {unit}); correct <limit effort>"
+        )
+        limits[k].set("effort", "0")
+    for k, limit in limits.items():
+        for key, value in (("effort", effort[k]), ("velocity", velocity[k])):
             if not float(limit.get(key, 0.0)) > 0.0:
                 limit.set(key, f"{value:.3g}")
-                guessed.append(name)
-    return list(dict.fromkeys(guessed))
+                guessed.append((body.joints[k], key))
+    return guessed, notes
+
+
+def _placeholders(given: dict[int, float], least: np.ndarray) -> list[int]:
+    """Joints whose effort limit is far below what they need, or equal to such a one and below.
+
+    Args:
+        given: Effort limit of joints [N·m or N], by index; 0 for none.
+        least: Effort that each joint needs at least [N·m or N], (n,).
+    """
+    short = {k: value for k, value in given.items() if 0.0 < value < least[k]}
+    false = {value for k, value in short.items() if value < PLACEHOLDER * least[k]}
+    return [k for k, value in short.items() if value in false]
 
 
 def asked(body: Body, q: np.ndarray, amplitude: np.ndarray, pace: float) -> np.ndarray:

@@ -32,10 +32,8 @@ UPWARDS = {  # orientation of the base, x y z w, that turns the named axis upwar
     "x": (0.0, -HALF, 0.0, HALF), "-x": (0.0, HALF, 0.0, HALF), "-z": (1.0, 0.0, 0.0, 0.0),
 }  # fmt: skip
 STIFFER = (1.0, 2.0, 4.0, 0.5)  # factors on the stiffness, tried in turn
-ARMS = (
-    "locked for the gait, which moves legs alone (to move them make them revolute in the URDF "
-    "and take `legs` out of robot.yaml)"
-)
+ARMS = "the gait moves legs alone (to move them, delete `legs` as well)"
+STUCK = "no gains make them follow a swing"
 SEED = 0  # seed of random draws: the same URDF gives the same robot
 SWING = 0.3, 0.05  # largest swing of a hinge [rad] and of a prismatic joint [m]
 SHARE = 0.2  # share of its range that a joint swings to each side
@@ -86,6 +84,7 @@ def make(urdf: Path, out: Path) -> Result:
         result = _try(draft, out, *standing, rng)
         if result is not None:
             return result
+    draft.locked = {}  # those of a gait
     return _bolted(draft, out, rng)
 
 
@@ -107,7 +106,7 @@ def _floating(
     if root in WORLDS:
         draft.notes.append(f"bolted, as its root link is {root!r}")
         return None
-    with probe(draft.text(), draft.folder) as first:
+    with probe(draft.description().text(), draft.folder) as first:
         q = first.body.nominal()
         up, contacts = _upwards(first, q, rng)
         if not contacts:
@@ -123,14 +122,14 @@ def _floating(
         draft.turned.append(f"{up} of the base is up")
     draft.tidied.float_root(root)
     _refuse(urdf, draft, bolted=False)
-    with probe(draft.text(), draft.folder) as rotated:
+    with probe(draft.description().text(), draft.folder) as rotated:
         contacts = supports(rotated, q, rng)
         yaw = legs.facing(rotated.body, contacts, rotated.body.forward(q)[1])
         if yaw is None:
             return _posture(draft, rotated, contacts, q, rng)
     draft.tidied.turn_root(root, yaw)
     draft.turned.append("turned so that the legs named front are at +x")
-    with probe(draft.text(), draft.folder) as final:
+    with probe(draft.description().text(), draft.folder) as final:
         return _posture(draft, final, supports(final, q, rng), q, rng)
 
 
@@ -147,8 +146,10 @@ def _arms_locked(
     rest = {j: q for j, q in zip(body.joints, posture.q, strict=True) if j not in leg_joints}
     if not named or not rest:
         return found, posture, size
-    draft.tidied.lock(rest, ARMS)
-    with probe(draft.text(), draft.folder) as final:
+    still = np.zeros(len(body.joints))
+    draft.guess_limits(body, still, {}, np.random.default_rng(SEED), rest)
+    draft.lock(rest, ARMS)
+    with probe(draft.description().text(), draft.folder) as final:
         q = final.body.nominal()
         return _posture(draft, final, supports(final, q, rng), q, rng)
 
@@ -203,7 +204,7 @@ def _try(
     _, place = body.forward(posture.q)
     radii = {w: max(1e-3, place[w][2] + posture.height) for w in wheels}
     loads = body.weight_torque(posture.q, bodies, posture.feet)
-    draft.guessed_limits = limits.guess(draft.root, body, loads, radii, size, rng)
+    draft.guess_limits(body, loads, radii, rng)
     draft.legs = legs.section(body, found, posture)
     for stiffer in STIFFER:
         gains = gain.choose(body, posture.q, posture.feet, bodies, wheels, False, stiffer)
@@ -225,10 +226,9 @@ def _bolted(draft: Draft, out: Path, rng: np.random.Generator) -> Result:
     q = _middle(body)
     amplitude = _swing(body, q)
     _mimic(draft, body, q, amplitude)
-    with probe(draft.text(), draft.folder) as final:
-        size = final.size(q)
-    loads = body.weight_torque(q, [], limits.NO_FEET)
-    draft.guessed_limits += limits.guess(draft.root, body, loads, {}, size, rng)
+    with probe(draft.description().text(), draft.folder) as final:
+        draft.size = final.size(q)
+    draft.guess_limits(body, body.weight_torque(q, [], limits.NO_FEET), {}, rng)
     effort, pace = draft.description().efforts(), 2.0 * np.pi * trial.SWING
     effort = np.array([effort[joint] for joint in body.joints])
     q, amplitude, notes = limits.held(body, q, amplitude, effort, pace)
@@ -251,8 +251,7 @@ def _bolted(draft: Draft, out: Path, rng: np.random.Generator) -> Result:
     rest = {j: at for j, at in both if {j, led.get(j, (j,))[0]} & set(stuck)}
     if not 0 < len(rest) < len(body.joints):
         raise ParameterError(f"{draft.urdf}: no gains were found: {outcome.fault}")
-    draft.tidied.lock(rest, "locked, as no gains make them follow a swing")
-    draft.mimics = [joint for joint in draft.mimics if joint not in rest]
+    draft.lock(rest, STUCK)
     draft.notes = [note for note in draft.notes if note not in notes]
     return _bolted(draft, out, rng)
 
@@ -289,7 +288,7 @@ def _clear(draft: Draft, body: Body, rng: np.random.Generator) -> float:
     simulated without the engine; from random poses if the size of a mesh is unknown.
     """
     lowest = clearance(draft.description(), 0.0, draft.folder)
-    with probe(draft.text(), draft.folder) as final:
+    with probe(draft.description().text(), draft.folder) as final:
         gap = SPACE * min(1.0, final.size(_middle(body)))
         if not np.isfinite(lowest):
             low = np.where(np.isfinite(body.low), body.low, -np.pi)
