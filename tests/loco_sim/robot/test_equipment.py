@@ -3,9 +3,17 @@
 
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from loco_control.exceptions import LocoError
+from loco_control.types import MotionCommand, TrunkTorque
+from loco_sim.bolted.loop import Bolted
+from loco_sim.export.portable import portable
+from loco_sim.new_robot import gains
+from loco_sim.new_robot.make import make
+from loco_sim.plant.model import Model
+from loco_sim.plant.simulation import Simulation
 from loco_sim.robot import equipment, robot
 from loco_sim.robot.description import Description
 from loco_sim.robot.equipment import BodyParams, ContactParams
@@ -125,3 +133,55 @@ def test_uncertain_values_are_named_by_patterns_in_their_own_units():
     for wrong in ({"drives.*.colour": 1.0}, {"drives.*.bias": 0.0}, {"drives.*.bias": "much"}):
         with pytest.raises(LocoError, match=next(iter(wrong)).replace("*", ".")):
             equipment.uncertain({**values, "uncertain": wrong}, ["arm"], PATH)
+
+
+@pytest.mark.parametrize("where", ["urdf", "robot.yaml"])
+@pytest.mark.parametrize("engine", ["pybullet", "mujoco", "bolted"])
+@pytest.mark.parametrize(
+    ("torque", "angle"), [(0.8, 0.0), (1.2, 0.2 / 0.05 * 1e-6 * 200 * 201 / 2)]
+)
+def test_a_joint_rubs_with_the_friction_of_the_description(tmp_path, where, engine, torque, angle):
+    """1 N·m of dry friction and 0.05 kg·m²: the rest accelerates the joint, in 200 steps."""
+    rubs = "friction: 1.0" if where == "robot.yaml" else "friction: -1.0"
+    inertia = '<inertia ixx=".01" iyy=".01" izz=".01" ixy="0" ixz="0" iyz="0"/>'
+    (tmp_path / "a.urdf").write_text(
+        f'<robot name="a"><link name="b"><inertial><mass value="1"/>{inertia}</inertial></link>'
+        f'<link name="l"><inertial><origin xyz="0.2 0 0"/><mass value="1"/>{inertia}</inertial>'
+        '</link><joint name="j" type="continuous"><parent link="b"/><child link="l"/>'
+        '<axis xyz="0 0 1"/><limit effort="50" velocity="30"/>'
+        f'<dynamics friction="{1.0 if where == "urdf" else 0.0}"/></joint></robot>'
+    )
+    (tmp_path / "robot.yaml").write_text(
+        "urdf: a.urdf\nfixed_base: true\nheight: 1.0\njoints: [j]\ndrives: {j: {kind: torque}}\n"
+        f"control_rate: 100\ndynamics: {{j: {{{rubs}}}}}\n"
+    )
+    loaded = robot.load(tmp_path)
+    zero, steps = np.zeros(1), 20
+    if engine == "bolted":
+        held = np.zeros((steps + 1, 1))
+        q = Bolted(loaded).run(held, held, held + torque).q[-1]
+    else:
+        with Simulation(loaded.sim.replace(engine=engine), robot=loaded) as plant:
+            for k in range(steps):
+                head, stance = (k, k * plant.dt), np.ones(0, dtype=bool)
+                push = TrunkTorque(*head, np.array([torque]), np.zeros(6), stance)
+                q = plant.step(MotionCommand(*head, zero, zero), push).q
+    assert q[0] == pytest.approx(angle, abs=1e-5)
+
+
+def test_the_friction_of_a_file_is_told_held_by_the_gains_and_exported(tmp_path):
+    text = (
+        '<mujoco><worldbody><body name="arm"><joint name="j" axis="0 1 0" frictionloss="0.7" '
+        'damping="0.2" armature="0.05"/><geom type="capsule" size="0.02" fromto="0 0 0 0.3 0 0"/>'
+        "</body></worldbody></mujoco>"
+    )
+    (tmp_path / "arm.xml").write_text(text)
+    result = make(tmp_path / "arm.xml", tmp_path / "arm")
+    loaded = robot.load(result.folder)
+    assert loaded.joint_friction == {"j": pytest.approx(0.7)}
+    assert loaded.armature["j"] >= 0.05
+    (row,) = [row for row in result.rows if row[0] == "friction"]
+    assert "damping up to 0.2" in row[1] and "dry friction up to 0.7" in row[1]
+    assert 0.7 / loaded.drives["j"].kp <= gains.SAG
+    (joint,) = portable(Model(robot=str(result.folder))).joints
+    assert joint.friction == pytest.approx(0.7) and joint.damping == pytest.approx(0.2)

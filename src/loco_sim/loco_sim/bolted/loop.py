@@ -24,6 +24,7 @@ from ..drives.stability import substeps
 from ..effects.base import ON_TORQUES, Effect, overrides, span, streams
 from ..effects.catalogue.actuator import JointOffset
 from ..effects.catalogue.delay import CommandDelay
+from ..effects.catalogue.friction import inherent
 from ..effects.chain import Chain
 from ..effects.pulls import laid_out
 from ..effects.pulls import of as pulls
@@ -81,7 +82,7 @@ class Bolted:
         """
         if reason := needs_engine(robot, effects):
             raise ParameterError(f"robot {robot.name!r} needs the engine: {reason}")
-        self.robot, self._effects, self._seed = robot, list(effects), seed
+        self.robot, self._effects, self._seed = robot, [*effects, *inherent(robot)], seed
         self.dt = 1.0 / robot.control_rate if dt is None else dt
         self._steps = periods(self.dt, robot.sim.physics_rate)
         self._configure()

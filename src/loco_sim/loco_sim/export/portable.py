@@ -164,7 +164,8 @@ def _joint(robot: Robot, world: World, name: str, gear: str, lost: list[str]) ->
     """Constants of a joint with drive and spring, without effects."""
     limit = float(robot.effort[robot.joints.index(name)])
     rotor = robot.armature.get(name, 0.0)
-    joint = Joint(name, damping=world.description.damping(name), armature=rotor)
+    damping, dry = world.description.damping(name), robot.joint_friction.get(name, 0.0)
+    joint = Joint(name, damping=damping, friction=dry, armature=rotor)
     drive, spring = robot.drives.get(name), robot.springs.get(name)
     if drive is not None and drive.sampled:
         lost.append(f"{name}: what its drive asks for is {drive.torque} for {drive.period:g} s")

@@ -58,12 +58,13 @@ def _range(joint: ET.Element, notes: Notes) -> None:
     ends = {"lower", "upper"} & set(given)
     try:
         low, high = (float(given.get(key, 0.0)) for key in ("lower", "upper"))
-        damping = [float(e.get("damping", 0.0)) for e in joint.findall("dynamics")]
+        dynamics = joint.findall("dynamics")
+        drag = [float(e.get(k, 0.0)) for e in dynamics for k in ("damping", "friction")]
     except ValueError:
         return
-    if max(damping, default=0.0) > LARGEST:  # some authors lock a joint in this way
+    if max(drag, default=0.0) > LARGEST:  # some authors lock a joint in this way
         lock(joint, 0.0)
-        notes.add("locked, as a damping that no drive overcomes holds them", name)
+        notes.add("locked, as a damping or friction that no drive overcomes holds them", name)
     elif ends and low == high != 0.0:
         lock(joint, low)
         notes.add("locked, as the limits are equal", name)

@@ -25,6 +25,7 @@ class Body:
         low: Smallest position of each joint [rad or m], (n,); infinite without limits.
         high: Largest position of each joint [rad or m], (n,); infinite without limits.
         damping: Viscous damping of each joint [N·m·s/rad], (n,).
+        friction: Dry friction of each joint [N·m or N], (n,).
         armature: Inertia of rotor and gear of each joint [kg·m²], (n,).
         stiffness: Stiffness of the spring of each joint [N·m/rad or N/m], (n,).
         rest: Rest position of that spring [rad or m], (n,).
@@ -60,6 +61,7 @@ class Body:
             rows[:, trees.LOW],
             rows[:, trees.HIGH],
         )
+        self.friction = np.array([description.friction(joint) for joint in self.joints])
         self._frames = frames
         x, y, z = self._axis.T
         zero = 0.0 * x

@@ -289,6 +289,9 @@ class Folder:
             ("joints", moving + f", {slides} of them slides" * bool(slides), READ),
             ("meshes", f"{len(meshes)}, left where they are" if meshes else "none", READ),
         ]
+        rubs = (("damping", body.damping, "N·m·s/rad"), ("dry friction", body.friction, "N·m"))
+        if drag := [f"{what} up to {v.max():.3g} {u}" for what, v, u in rubs if v.any()]:
+            rows.append(("friction", f"{', '.join(drag)} of the joints", READ))
         if draft.turned:
             rows.append(("base frame", "; ".join(draft.turned), GUESSED))
         if draft.guessed_limits:

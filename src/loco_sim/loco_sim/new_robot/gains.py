@@ -2,7 +2,7 @@
 """Choice of joint impedance gains that carry a robot and are stable at the physics step.
 
 A joint carries I = M (r² with the lever arm r to a foot, M its share of the mass) and holds
-the torque T of the weight. Its stiffness is the largest of
+the torque T of the weight and its dry friction. Its stiffness is the largest of
 
     kp = T / sag,      kp = I (2 pi f)²,      kp = 2 pi f d      and      kp = 3 k
 
@@ -72,7 +72,7 @@ def choose(
         bolted: Whether the base is fixed to the world.
         stiffer: Scale factor of the stiffness.
     """
-    tau = np.abs(body.weight_torque(q, [] if bolted else bodies, feet))
+    tau = np.abs(body.weight_torque(q, [] if bolted else bodies, feet)) + body.friction
     inertia = body.inertia(q, bolted)
     held = np.diag(inertia).copy()  # inertia with all other joints locked
     if not bolted:

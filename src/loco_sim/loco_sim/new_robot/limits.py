@@ -64,6 +64,7 @@ def guess(
     weight, creep = effort, CREEPS * held
     effort = RESERVE * np.maximum(effort, 0.02 * effort.max(initial=0.0))
     effort = np.maximum(effort, SPEEDS_UP * held + RESERVE * TURNS_AT * body.damping)
+    effort += RESERVE * body.friction
     for joint, radius in wheels.items():
         effort[joint] = GRIP * body.mass.sum() * GRAVITY * radius / len(wheels)
         velocity[joint] = 4.0 * np.sqrt(GRAVITY * size) / radius
@@ -74,14 +75,14 @@ def guess(
         if elements[body.joints[k]].find("limit") is None:
             ET.SubElement(elements[body.joints[k]], "limit")
     limits = {k: elements[body.joints[k]].find("limit") for k in selected}
-    given = {k: float(limit.get("effort", 0.0)) for k, limit in limits.items() if k not in wheels}
+    efforts = {k: float(limit.get("effort", 0.0)) for k, limit in limits.items() if k not in wheels}
     notes = []
-    for k in _placeholders(given, np.maximum(weight, creep)):
+    for k in _placeholders(efforts, np.maximum(weight, creep)):
         unit, pace = ("N", "m/s²") if body.slides[k] else ("N·m", "rad/s²")
         heavy = weight[k] >= creep[k]
         cause = "its weight alone" if heavy else f"an acceleration of {CREEPS:g} {pace}"
         notes.append(
-            f"{body.joints[k]}: effort limit {given[k]:g} {unit}, {cause} needs "
+            f"{body.joints[k]}: effort limit {efforts[k]:g} {unit}, {cause} needs "
             f"{max(weight[k], creep[k]):.3g} {unit}: the limit is not used (guessed "
             f"{effort[k]:.3g} {unit}); correct <limit effort>"
         )
@@ -94,15 +95,15 @@ def guess(
     return guessed, notes
 
 
-def _placeholders(given: dict[int, float], least: np.ndarray) -> list[int]:
+def _placeholders(efforts: dict[int, float], needed: np.ndarray) -> list[int]:
     """Joints whose effort limit is far below what they need, or equal to such a one and below.
 
     Args:
-        given: Effort limit of joints [N·m or N], by index; 0 for none.
-        least: Effort that each joint needs at least [N·m or N], (n,).
+        efforts: Effort limit of joints [N·m or N], by index; 0 for none.
+        needed: Effort that each joint needs at least [N·m or N], (n,).
     """
-    short = {k: value for k, value in given.items() if 0.0 < value < least[k]}
-    false = {value for k, value in short.items() if value < PLACEHOLDER * least[k]}
+    short = {k: value for k, value in efforts.items() if 0.0 < value < needed[k]}
+    false = {value for k, value in short.items() if value < PLACEHOLDER * needed[k]}
     return [k for k, value in short.items() if value in false]
 
 
@@ -117,7 +118,7 @@ def asked(body: Body, q: np.ndarray, amplitude: np.ndarray, pace: float) -> np.n
     """
     weight = [body.weight_torque(q + s * amplitude, [], NO_FEET) for s in (-1.0, 0.0, 1.0)]
     moved = np.abs(body.inertia(q, True) @ amplitude) * pace**2 + body.damping * amplitude * pace
-    return np.abs(weight).max(axis=0) + moved
+    return np.abs(weight).max(axis=0) + moved + body.friction
 
 
 def held(

@@ -146,8 +146,8 @@ def _arms_locked(
     rest = {j: q for j, q in zip(body.joints, posture.q, strict=True) if j not in leg_joints}
     if not named or not rest:
         return found, posture, size
-    still = np.zeros(len(body.joints))
-    draft.guess_limits(body, still, {}, np.random.default_rng(SEED), rest)
+    no_load = np.zeros(len(body.joints))
+    draft.guess_limits(body, no_load, {}, np.random.default_rng(SEED), rest)
     draft.lock(rest, ARMS)
     with probe(draft.description().text(), draft.folder) as final:
         q = final.body.nominal()

@@ -26,6 +26,7 @@ from ..drives.actuators import Actuators
 from ..drives.damping import DampedDrives
 from ..drives.stability import plan
 from ..effects.base import ON_TORQUES, Effect, overrides, streams, windows
+from ..effects.catalogue.friction import inherent
 from ..params import SimParams
 from ..robot import robot as robots
 from ..robot.sensors import Sensors
@@ -77,7 +78,7 @@ class Simulation:
         params = self.robot.sim if params is None else params
         dt = 1.0 / self.robot.control_rate if dt is None else dt
         self.dt, self._params = dt, params
-        self._effects, self._seed = list(effects), seed
+        self._effects, self._seed = [*effects, *inherent(self.robot)], seed
         self._standing = np.array(self.robot.standing if standing is None else standing, float)
         if not self.robot.equipped:
             raise ParameterError(

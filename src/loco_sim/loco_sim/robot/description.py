@@ -100,8 +100,15 @@ class Description:
 
     def damping(self, joint: str) -> float:
         """Viscous damping of a joint [N·m·s/rad]."""
+        return self._dynamics(joint, "damping")
+
+    def friction(self, joint: str) -> float:
+        """Dry friction of a joint [N·m or N]."""
+        return self._dynamics(joint, "friction")
+
+    def _dynamics(self, joint: str, key: str) -> float:
         dynamics = self._find("joint", joint).find("dynamics")
-        return 0.0 if dynamics is None else float(dynamics.get("damping", 0.0))
+        return 0.0 if dynamics is None else float(dynamics.get(key, 0.0))
 
     def joint_types(self) -> dict[str, str]:
         """Type of each moving joint."""

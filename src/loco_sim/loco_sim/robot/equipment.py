@@ -36,6 +36,9 @@ class DynamicsParams(Params):
     damping: float = parameter(
         -1.0, "viscous damping; below 0 is that of the URDF", "N·m·s/rad", low=-1.0, high=1e4
     )
+    friction: float = parameter(
+        -1.0, "dry friction; below 0 is that of the URDF", "N·m", low=-1.0, high=1e6
+    )
     armature: float = parameter(
         0.0, "of rotor and gear: the joint feels it, and none before it", "kg·m²", low=0.0, high=1e3
     )

@@ -77,6 +77,7 @@ class Robot:
         springs: Springs and dampers by joint.
         armature: Rotor inertia behind the gear [kg·m², kg], by joint; the joint alone feels it,
             but for PyBullet, where it is part of the link.
+        joint_friction: Dry friction of joints that have any [N·m or N], by joint.
         friction: Friction coefficients by link; other links have the world's.
         contact: Contact stiffness [N/m] and damping [N·s/m] by link.
         sensors: Sensors, None for exact measurements.
@@ -110,6 +111,7 @@ class Robot:
     drives: dict[str, DriveParams] = field(default_factory=dict)
     springs: dict[str, SpringParams] = field(default_factory=dict)
     armature: dict[str, float] = field(default_factory=dict)
+    joint_friction: dict[str, float] = field(default_factory=dict)
     friction: dict[str, float] = field(default_factory=dict)
     contact: dict[str, tuple[float, float]] = field(default_factory=dict)
     sensors: SensorParams | None = None
@@ -306,6 +308,8 @@ def _fit(
     for joint, params in dynamics.items():
         if params.damping >= 0.0:
             description.set_damping(joint, params.damping)
+    frictions = {joint: description.friction(joint) for joint in joints}
+    frictions |= {joint: p.friction for joint, p in dynamics.items() if p.friction >= 0.0}
     equipment.set_bodies(description, bodies)
     for joint, stop in stops.items():
         description.set_lower_limit(joint, stop)
@@ -336,6 +340,7 @@ def _fit(
         "drives": drives,
         "springs": springs,
         "armature": {joint: d.armature for joint, d in dynamics.items() if d.armature > 0.0},
+        "joint_friction": {joint: value for joint, value in frictions.items() if value > 0.0},
         "friction": {link: contact.friction for link, contact in contacts.items()},
         "mass": description.mass(),
         "contact": {link: contact.softness(share) for link, contact in contacts.items()},

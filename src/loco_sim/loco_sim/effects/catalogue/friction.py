@@ -53,6 +53,24 @@ class CoulombFriction(BrakeEffect, name="coulomb_friction"):
 
 
 @dataclass
+class OwnFriction(CoulombFriction):
+    """Dry friction of the joints of a robot itself, `Robot.joint_friction`."""
+
+    def _chosen(self, world: Any) -> np.ndarray:
+        has_friction = [joint in world.robot.joint_friction for joint in world.robot.joints]
+        return np.flatnonzero(has_friction)
+
+    def constants(self, world: Any, joints: np.ndarray) -> Sequence[Any]:
+        values = [world.robot.joint_friction[world.robot.joints[j]] for j in joints]
+        return (np.array(values),)
+
+
+def inherent(robot: Any) -> list[OwnFriction]:
+    """The dry friction of a robot itself, as at most one effect."""
+    return [OwnFriction(torque=1.0)] if robot.joint_friction else []
+
+
+@dataclass
 class StribeckFriction(BrakeEffect, name="stribeck_friction"):
     """Dry friction at rest that vanishes with speed; add `coulomb_friction` for a constant part."""
 
