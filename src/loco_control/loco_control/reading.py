@@ -8,6 +8,7 @@ small file cannot exhaust the memory or crash the process.
 
 from __future__ import annotations
 
+import codecs
 import contextlib
 import csv
 import functools
@@ -146,21 +147,25 @@ def read_npz(path: str | Path, what: str = "file") -> dict[str, np.ndarray]:
 
 
 def as_text(data: bytes, source: str | Path) -> str:
-    """Text of UTF-8 bytes, with or without a byte order mark.
+    """Text of UTF-8 bytes, with or without a byte order mark, or of UTF-16 bytes with one.
 
     Args:
         data: The bytes.
         source: Name of the source, for messages.
 
     Raises:
-        ParameterError: The bytes are not UTF-8.
+        ParameterError: The bytes are of another encoding.
     """
+    if data[:2] in (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE):
+        with contextlib.suppress(UnicodeDecodeError):
+            return data.decode("utf-16")
     try:
         return data.decode("utf-8-sig")
     except UnicodeDecodeError as error:
-        line = data.count(b"\n", 0, error.start) + 1
+        line, byte = data.count(b"\n", 0, error.start) + 1, data[error.start]
         raise ParameterError(
-            f"{source}, line {line}: not UTF-8 text, byte {data[error.start]:#04x}"
+            f"{source}, line {line}: not UTF-8 text, byte {byte:#04x} ({chr(byte)!r} in Latin-1, "
+            "which iconv -f latin1 -t utf-8 converts)"
         ) from None
 
 

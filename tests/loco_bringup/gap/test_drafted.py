@@ -176,3 +176,17 @@ def test_a_folder_of_the_user_is_no_folder_of_drafts(search, tmp_path):
     (tmp_path / "out/mapping.yaml").write_text("format: 1\n")
     code, said, _ = search("my.csv")
     assert code == 2 and "out holds other files" in said
+
+
+@pytest.mark.parametrize("name", ["row", "sample"])
+def test_without_a_time_no_rate_is_guessed(search, tmp_path, name):
+    wave = np.sin(3.0 * T)
+    table("my.csv", pivot_pos=wave, pivot_cmd=wave)
+    text = (tmp_path / "my.csv").read_text()
+    (tmp_path / "my.csv").write_text(name + text[1:])
+    code, said, asked = search("my.csv")
+    assert code == 2 and not asked and "time: {rate: ...} with the rate of the log in Hz" in said
+    draft = next((tmp_path / "out").rglob("mapping.yaml"))
+    with draft.open("a") as file:
+        file.write("time: {rate: 100}\n")
+    assert search("my.csv")[0] == 0

@@ -63,7 +63,7 @@ def test_the_draft_of_a_bag_reads_it(tmp_path, capsys):
     (record,) = importing.load(folder, SERVO, path)
     assert record.command["position"][:, 0] == pytest.approx(goal(record.t), abs=1e-8)
     assert record.signals["q"][:, 0] == pytest.approx(goal(record.t - 0.04), abs=1e-8)
-    assert "in this order?" in path.read_text() and "finger" not in path.read_text()
+    assert "in this order?" in path.read_text() and "joint: finger" not in path.read_text()
     capsys.readouterr()
     assert call(folder, "--out", path) == 2 and "is there already" in capsys.readouterr().err
     assert call(folder) == 0 and "finger" in capsys.readouterr().out
@@ -112,3 +112,21 @@ def test_what_is_no_recording_is_one_line(tmp_path):
             terminal.draft(path, ())
     with pytest.raises(LocoError, match="no name says what is measured or commanded; it has /x"):
         terminal.draft(bag(tmp_path / "a", x=lambda t: Float64MultiArray(data=[t])), ())
+
+
+def test_joints_of_a_second_publisher_on_a_topic_are_drafted(tmp_path):
+    def in_turn(t):
+        message = states(t)
+        if round(100.0 * t) % 2:
+            message.name, message.position = ["wrist"], [goal(t)]
+        return message
+
+    folder = bag(tmp_path / "a", joint_states=in_turn, joint_command=states)
+    text = terminal.draft(folder, ())
+    for joint in ("pivot", "finger", "wrist"):
+        assert f'column: "position[{joint}]", role: q, joint: {joint}}}' in text
+    assert "Also q" not in text
+    with pytest.raises(
+        LocoError, match="no joint of the robot .*elbow.* is in: pivot, finger, wrist"
+    ):
+        terminal.draft(folder, ("elbow",))

@@ -1,12 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
 """Drafts of mappings say what names and values say, with the reason, and are mappings."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
 from loco_control.exceptions import ParameterError
 from loco_learning.gap.drafting import draft, words
-from loco_learning.gap.recordings import mapping
+from loco_learning.gap.recordings import mapping, tables
 
 T = np.arange(300) / 100.0
 WAVE = 0.8 * np.sin(3.0 * T)
@@ -14,7 +16,7 @@ WAVE = 0.8 * np.sin(3.0 * T)
 
 def drafted(names, joints=(), time=T, wave=WAVE):
     columns = {name: (time if i == 0 else wave) for i, name in enumerate(names)}
-    text = draft.of_table(columns, joints, "a.csv")
+    text = draft.of_table(tables.Table(Path("a.csv"), columns), joints)
     return text, mapping.loads(text)
 
 
@@ -60,8 +62,9 @@ def test_the_time_and_its_unit_are_told_by_name_and_step(name, step, unit):
 
 
 def test_without_a_time_the_rate_is_asked_for():
-    text, _ = drafted(["knee_pos", "knee_cmd", "x"], time=WAVE)
+    text, rules = drafted(["knee_pos", "knee_cmd", "x"], time=WAVE)
     assert "no column of times" in text and "Not used: x" in text
+    assert not rules.time_rate and not rules.time
 
 
 def test_units_are_told_by_name_or_size_and_said():
@@ -91,12 +94,12 @@ def test_turns_are_no_degrees_where_the_velocity_can_tell():
     ],
 )  # fmt: skip
 def test_numbers_in_names_are_those_of_joints_or_their_order(joints, names, expected):
-    columns = dict.fromkeys(names, WAVE)
+    table = tables.Table(Path("a.csv"), {"t": T, **dict.fromkeys(names, WAVE)})
     if not expected:
-        with pytest.raises(ParameterError, match="no name says"):
-            draft.of_table({"t": T, **columns}, joints)
+        with pytest.raises(ParameterError, match=r"no joint of the robot \(hip, knee\) is in: "):
+            draft.of_table(table, joints)
         return
-    rules = mapping.loads(draft.of_table({"t": T, **columns}, joints))
+    rules = mapping.loads(draft.of_table(table, joints))
     assert [c.place for c in rules.columns] == 2 * expected
 
 
@@ -111,7 +114,7 @@ def test_numbered_columns_go_by_the_order_of_the_joints_and_say_so():
 
 def test_what_lacks_and_what_is_there_twice_is_said():
     text, rules = drafted(["t", "knee_pos", "knee_angle", "knee_cmd"], ("hip", "knee"))
-    assert len(rules.columns) == 2 and "The same again, left out" in text
+    assert len(rules.columns) == 2 and "Also q of knee, left out; or a command?" in text
     assert "Missing: q of hip" in text and "Missing: a command of hip" in text
 
 
@@ -133,3 +136,80 @@ def test_names_of_any_kind_come_back_whole():
 def test_a_table_that_says_nothing_is_one_line():
     with pytest.raises(ParameterError, match="a.csv: no name says what is .* it has a, b.*by hand"):
         drafted(["t", "a", "b"])
+
+
+@pytest.mark.parametrize(
+    ("name", "role", "unit"),
+    [
+        ("knee dq [rad/s]", "dq", "rad/s"),
+        ("velocity.knee (deg/s)", "dq", "deg/s"),
+        ("knee_vel_deg", "dq", "deg/s"),
+        ("knee speed [rpm]", "dq", "rpm"),
+        ("knee torque [mNm]", "tau", "mN m"),
+        ("knee_tau_Nm", "tau", "N m"),
+        ("knee q [°]", "q", "deg"),
+        ("knee_current [mA]", "tau", "mA"),
+        ("knee_pos[0]", "q", ""),
+    ],
+)
+def test_a_unit_in_a_name_is_one_of_its_role(name, role, unit):
+    said = words.guess(name, ("knee",))
+    assert (said.role, said.unit, said.joint) == (role, unit, "knee")
+
+
+@pytest.mark.parametrize(
+    ("name", "role"),
+    [("knee.SetPos [deg]", "command_position"), ("knee.ActPos", "q"), ("knee.ActTrq", "tau"),
+     ("knee.set position", "command_position"), ("knee.actual torque", "tau"),
+     ("knee_soll", "command_position"), ("u_knee", "command_torque"),
+     ("input_knee", "command_torque"), ("knee_input_position", "command_position"),
+     ("knee_input_voltage", ""), ("knee_set_temperature", "")],
+)  # fmt: skip
+def test_a_setpoint_is_no_measurement(name, role):
+    assert words.guess(name, ("knee",)).role == role
+
+
+@pytest.mark.parametrize("names", [["A1.pos", "A2.pos", "A1.set pos", "A2.set pos"],
+                                   ["J1_meas", "J2_meas", "J1_ref", "J2_ref"],
+                                   ["m1_q", "m2_q", "m1_u", "m2_u"]])  # fmt: skip
+def test_a_letter_and_a_number_are_a_joint(names):
+    names = [name.replace("meas", "pos_meas") for name in names]
+    text, rules = drafted(["t", *names], ("hip", "knee"))
+    assert [c.place for c in rules.columns] == ["hip", "knee", "hip", "knee"]
+    assert "Missing" not in text
+
+
+@pytest.mark.parametrize("names", [["knee_a_pos", "knee_b_pos"], ["knee_vor_pos", "knee_pos_ist"]])
+def test_of_two_positions_none_is_the_same_again_and_no_torque_is_a_command(names):
+    text, rules = drafted(["t", *names, "knee_torque"], ("knee",))
+    assert [c.role for c in rules.columns] == ["q", "tau"] and "Missing: a command of knee" in text
+    assert rules.columns[0].column == (names[1] if "ist" in names[1] else names[0])
+    assert "Also q of knee, left out; or a command?" in text
+
+
+def test_names_without_a_joint_of_the_robot_are_told():
+    text, _ = drafted(["t", "knee_pos", "knee_cmd", "elbow_pos"], ("knee",) * 1 + ("hip",))
+    assert "# No joint of the robot (knee, hip) is in: elbow_pos" in text
+    with pytest.raises(
+        ParameterError, match=r"a.csv: no joint of the robot \(hip, knee\) is in: a"
+    ):
+        drafted(["t", "arm_pos", "arm_cmd"], ("hip", "knee"))
+
+
+def test_texts_of_a_table_are_named():
+    cells = np.full(300, "", dtype=object)
+    cells[[4, 9]] = "--"
+    columns = {"t": T, "knee_pos": WAVE, "knee_cmd": WAVE}
+    texts = {"mode": "it is 'idle'"}
+    table = tables.Table(Path("a.csv"), columns, texts=texts, cell_texts={"knee_pos": cells})
+    text = draft.of_table(table, ("knee",))
+    assert "# Not used: mode" in text and "“--” in 2 rows: no reading?" in text
+    assert mapping.loads(text).columns[0].missing_texts == ("--",)
+
+
+def test_a_time_by_its_content_is_in_seconds_and_one_that_rises_is_preferred():
+    columns = {"time_ms": T, "t": np.floor(T), "knee_pos": WAVE}
+    for clocks, name in (((), "time_ms"), (("time_ms",), "time_ms"), (("t",), "time_ms")):
+        table = tables.Table(Path("a.csv"), columns, clocks=clocks)
+        rules = mapping.loads(draft.of_table(table, ()))
+        assert (rules.time, rules.time_unit) == (name, 1.0 if name in clocks else 1e-3)

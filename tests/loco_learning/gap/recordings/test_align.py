@@ -360,3 +360,41 @@ def test_notes_that_can_look_like_a_gap_are_told_from_those_that_cannot(signals,
     twin = align.record("twin", signals(q=late, dq=lambda track: None), hinge)
     assert contents.doubts([made, twin]) == [f"run, twin: {doubt}"]
     assert contents.doubts([align.record("run", signals(), hinge)]) == []
+
+
+@pytest.mark.parametrize("step", [0.05, 0.07, 0.085])
+def test_a_clock_set_forward_while_the_motion_goes_on_is_a_cut(signals, hinge, change, step):
+    def forward(track):
+        return change(track, t=np.where(np.arange(400) < 170, track.t, track.t + step))
+
+    tracks = signals(q=forward, dq=forward, command_position=forward)
+    parts = align.records("run", tracks, hinge)
+    assert [len(part.t) for part in parts] == [170, 230]
+    words = f"the time of q of hinge jumps forward by {step + 0.01:.6g} s at row 170"
+    assert all(told(part, words) for part in parts)
+
+
+@pytest.mark.parametrize("count", [5, 7, 8])
+def test_readings_that_are_lost_from_all_signals_are_no_cut(signals, hinge, change, count):
+    def losing(track):
+        kept = np.r_[0:170, 170 + count : 400]
+        return change(track, t=track.t[kept], x=track.x[kept])
+
+    tracks = signals(q=losing, dq=losing, command_position=losing)
+    assert len(align.records("run", tracks, hinge)) == 1
+
+
+@pytest.mark.parametrize("turn", [0.0, 2.0 * np.pi])
+def test_an_angle_wrapped_at_zero_is_no_second_publisher(signals, hinge, change, turn):
+    def wrapped(track):
+        x = np.where(np.arange(400) % 100 < 60, 1e-3 * (track.t % 0.02 > 0.005), track.x)
+        return change(track, x=np.round((x - 4e-4) % (2.0 * np.pi), 3) + turn)
+
+    def resting(track):
+        return change(track, x=np.where(np.arange(400) % 100 < 60, 0.0, track.x))
+
+    record = align.record(
+        "run", signals(q=wrapped, dq=lambda k: None, command_position=resting), hinge
+    )
+    assert told(record, "q of hinge was wrapped")
+    assert np.abs(record.signals["q"] - record.command["position"]).max() < 1.0

@@ -208,3 +208,32 @@ def test_what_is_not_there_is_said(folder, hinge):
     (folder / mapping.FILE).write_text(RULES.replace("column: q,", "column: angle,"))
     with pytest.raises(LocoError, match="no column in a.csv named 'angle'"):
         load(folder, hinge)
+
+
+@pytest.mark.parametrize("text", ["--", "lost"])
+def test_texts_that_mean_no_reading_are_left_out_by_the_users_word(folder, hinge, text):
+    rows = [line.split(",") for line in (folder / "a.csv").read_text().split()]
+    for row in (7, 8, 30):
+        rows[row][1] = text
+    (folder / "a.csv").write_text("\n".join(",".join(row) for row in rows))
+    with pytest.raises(LocoError, match=f"the text '{text}' in 3 of 200 rows.*missing: "):
+        load(folder / "a.csv", hinge, folder)
+    for missing in (f'"{text}"', f'[-1000, "{text}"]'):
+        said = RULES.replace("role: q,", f"role: q, missing: {missing},")
+        (folder / mapping.FILE).write_text(said)
+        (record,) = load(folder / "a.csv", hinge, folder)
+        words = f"q: 3 of 200 cells are '{text}', which the mapping calls missing: left out"
+        assert words in record.notes and len(record.t) == 200
+    (folder / mapping.FILE).write_text(RULES.replace("role: q,", "role: q, missing: [1, 2],"))
+    with pytest.raises(LocoError, match="missing of column 'q' may have one number"):
+        load(folder / "a.csv", hinge, folder)
+
+
+@pytest.mark.parametrize("text", ["--", "stopped by hand"])
+def test_a_row_with_a_text_for_its_time_is_no_reading_and_told(folder, hinge, text):
+    rows = (folder / "a.csv").read_text().split("\n")
+    rows[200] = f"{text},0.5,0.5"
+    (folder / "a.csv").write_text("\n".join(rows))
+    (record,) = load(folder / "a.csv", hinge, folder)
+    assert len(record.t) == 199
+    assert f"t: row 199 has the text '{text}' for its time: no reading" in record.notes

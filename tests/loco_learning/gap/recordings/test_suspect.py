@@ -55,7 +55,9 @@ def test_the_signals_of_a_slow_log_are_compared_where_they_were_read(signals, hi
         return replace(track, t=track.t[::every], x=by * track.x[::every])
 
     tracks = {role: thin for role in ("q", "command_position")}
-    suspected(signals(**tracks, dq=lambda k: thin(k, 2.0)), robot, r"(1.9|2.0). times the derivative")
+    suspected(
+        signals(**tracks, dq=lambda k: thin(k, 2.0)), robot, r"(1.9|2.0). times the derivative"
+    )
     align.record("run", signals(**tracks, dq=thin), robot)
 
 
@@ -250,3 +252,13 @@ def test_a_constant_has_no_delay_and_no_ratio_to_anything(value):
     for pair in ((constant, wave), (wave, constant)):
         assert lags.lag(*pair, 0.005) == (0.0, 0.0)
         assert suspect.slope(*pair) == (1.0, 0.0)
+
+
+@pytest.mark.parametrize("digits", [4, 6])
+def test_a_time_that_lost_its_digits_does_not_rise(signals, hinge, change, digits):
+    def rounded(track):
+        return change(track, t=np.array([float(f"{1.77e9 + t:.{digits}e}") for t in track.t]))
+
+    tracks = signals(q=rounded, command_position=rounded, dq=rounded)
+    with pytest.raises(ParameterError, match="time of q of hinge does not rise.*too few digits"):
+        align.record("run", tracks, hinge)

@@ -104,3 +104,73 @@ def test_what_is_not_there_is_named(tmp_path):
     (tmp_path / "b.csv.gz").write_bytes(b"no gzip")
     with pytest.raises(ParameterError, match="is not a gzip file: it does not begin as one"):
         tables.read(tmp_path / "b.csv.gz")
+
+
+TIMES = {
+    "iso": ["2026-03-01T23:59:59", "2026-03-01T23:59:59.500000", "2026-03-02T00:00:00"],
+    "zone": ["2026-03-01T23:59:59Z", "2026-03-02T01:59:59.5+02:00", "2026-03-02T00:00:00Z"],
+    "space": ["2026-03-01 23:59:59.000", "2026-03-01 23:59:59.500", "2026-03-02 00:00:00.000"],
+    "day": ["23:59:59.0", "23:59:59.5", "00:00:00.0"],
+    "comma": ['"23:59:59,0"', '"23:59:59,5"', '"0:00:00,0"'],
+}
+
+
+@pytest.mark.parametrize("kind", TIMES)
+@pytest.mark.parametrize("ending", ["csv", "jsonl"])
+def test_dates_and_times_of_day_are_seconds(tmp_path, kind, ending):
+    text = "when,q\n" + "".join(f"{cell},{i}\n" for i, cell in enumerate(TIMES[kind]))
+    if ending == "jsonl":
+        text = "".join(
+            json.dumps({"when": cell.strip('"'), "q": 0.0}) + "\n" for cell in TIMES[kind]
+        )
+    table = tables.read(written(tmp_path, f"a.{ending}", text))
+    assert np.diff(table.column("when")) == pytest.approx([0.5, 0.5])
+    assert table.clocks == ("when",)
+
+
+@pytest.mark.parametrize(
+    ("first", "second", "name"),
+    [
+        ("header.stamp.sec", "header.stamp.nanosec", "header.stamp"),
+        ("stamp_secs", "stamp_nsecs", "stamp"),
+        ("sec", "nanosec", "sec + nanosec"),
+    ],
+)
+def test_seconds_and_nanoseconds_are_one_time(tmp_path, first, second, name):
+    rows = f"{first},{second},q\n7,900000000,1\n8,0,2\n"
+    table = tables.read(written(tmp_path, "a.csv", rows))
+    assert table.column(name) == pytest.approx([7.9, 8.0]) and table.clocks == (name,)
+
+
+@pytest.mark.parametrize("text", ["--", "n.a.", "#N/A", "error 7"])
+def test_a_text_among_numbers_is_told_with_its_rows_and_the_key(tmp_path, text):
+    cells = [str(i) for i in range(9)]
+    cells[3] = cells[5] = text
+    rows = "t,q\n" + "".join(f"{i},{cell}\n" for i, cell in enumerate(cells))
+    table = tables.read(written(tmp_path, "a.csv", rows))
+    why = f"column 'q' has the text {text!r} in 2 of 9 rows, the first in row 3"
+    with pytest.raises(ParameterError, match=re.escape(why) + f'.*missing: "{re.escape(text)}"'):
+        table.column("q")
+    assert np.flatnonzero(np.isnan(table.column("q", (text,)))).tolist() == [3, 5]
+
+
+@pytest.mark.parametrize(
+    ("line", "said"),
+    [("end of log,,", "row 2 has only the text 'end of log'"), (",,*** stop ***", "'*** stop ***'"),
+     ("t,q,goal", "row 2 repeats the header"), ("t, q, goal", "row 2 repeats the header")],
+)  # fmt: skip
+def test_rows_that_are_no_samples_are_left_out_and_told(tmp_path, line, said):
+    rows = f"t,q,goal\n0,1,1\n1,2,2\n{line}\n2,3,3\n"
+    table = tables.read(written(tmp_path, "a.csv", rows))
+    assert table.column("q").tolist() == [1.0, 2.0, 3.0]
+    assert len(table.notes) == 1 and said in table.notes[0]
+
+
+@pytest.mark.parametrize("name", ["a.csv", "a.tsv"])
+def test_a_comma_in_a_number_is_a_decimal_point_unless_there_is_a_point(tmp_path, name):
+    mark = "\t" if name == "a.tsv" else ","
+    rows = [["t", "q", "big"], ['"0,5"', '"-1,25"', '"1,234"'], ["1", '"2,5e-1"', "0.5"]]
+    table = tables.read(written(tmp_path, name, "\n".join(mark.join(row) for row in rows)))
+    assert table.column("t").tolist() == [0.5, 1.0] and table.column("q").tolist() == [-1.25, 0.25]
+    with pytest.raises(ParameterError, match="'1,234' in row 0"):
+        table.column("big")

@@ -10,7 +10,7 @@ import numpy as np
 
 from loco_control.exceptions import ParameterError
 
-from ..recordings import units
+from ..recordings import tables, units
 from . import words
 
 RATES = (5.0, 5e3)  # plausible rates of logs [Hz]; other units of time are rejected (taste)
@@ -30,6 +30,7 @@ class Line:
         unit: Unit; empty is the SI unit.
         topic: Topic in a bag.
         scale: Scale that the user has to fill in; empty where none is needed.
+        missing: Texts in the column that are no reading.
     """
 
     column: str
@@ -39,6 +40,7 @@ class Line:
     unit: str = ""
     topic: str = ""
     scale: str = ""
+    missing: tuple[str, ...] = ()
 
     @property
     def text(self) -> str:
@@ -46,31 +48,32 @@ class Line:
         topic = f"topic: {_quoted(self.topic)}, " if self.topic else ""
         unit = f", unit: {self.unit}" if self.unit else ""
         scale = f", scale: {self.scale}" if self.scale else ""
+        missing = f", missing: [{', '.join(map(_text, self.missing))}]" if self.missing else ""
         return (
             f"  - {{{topic}column: {_quoted(self.column)}, role: {self.role}, "
-            f"joint: {_quoted(self.joint)}{unit}{scale}}}  # {self.why}"
+            f"joint: {_quoted(self.joint)}{unit}{scale}{missing}}}  # {self.why}"
         )
 
 
-def of_table(
-    columns: Mapping[str, np.ndarray], joints: Sequence[str], file: str = "recording"
-) -> str:
+def of_table(table: tables.Table, joints: Sequence[str]) -> str:
     """Text of a mapping for the columns of a table.
 
     Args:
-        columns: Values by name.
+        table: Columns of a file.
         joints: Joint names of the robot; empty if the robot is not known.
-        file: Name of the file, for messages.
 
     Raises:
-        ParameterError: No column name contains a known role.
+        ParameterError: No column name contains a known role, or none a joint of the robot.
     """
-    time, head = _time(columns)
-    others = {name: values for name, values in columns.items() if name != time}
+    time, head = _time(table)
+    others = {name: values for name, values in table.columns.items() if name != time}
     speed = any(words.guess(name, joints).role == "dq" for name in others)
     numbered = words.numbered(list(others), joints)
-    lines = [x for name, y in others.items() for x in _column(name, y, joints, numbered, speed)]
-    return written(lines, list(others), joints, file, head)
+    columns = {name: _column(table, name, joints, numbered, speed) for name in others}
+    lines = [line for made in columns.values() for line in made]
+    strangers = [x for x, made in columns.items() if not made and words.guess(x, joints).role]
+    names = [*others, *(name for name in table.texts if name != time)]
+    return written(lines, names, joints, table.path.name, head, strangers)
 
 
 def written(
@@ -79,10 +82,13 @@ def written(
     joints: Sequence[str],
     file: str,
     head: Sequence[str] = (),
+    strangers: Sequence[str] = (),
 ) -> str:
-    """Text of a mapping; of several lines for one role of a joint only the first is used.
+    """Text of a mapping with one line for each role of a joint.
 
-    If no line is a command, measured torques are taken as the commands.
+    Of several columns for a role the first is used, or the first that says that it is measured. If
+    no line is a command, and each joint has but one position, measured torques are taken as the
+    commands.
 
     Args:
         lines: Columns in the order of the file.
@@ -90,29 +96,41 @@ def written(
         joints: Joint names of the robot; empty if the robot is not known.
         file: Name of the file, for messages.
         head: Lines before the columns.
+        strangers: Names that say a role, but no joint of the robot.
 
     Raises:
         ParameterError: There is no line.
     """
     first: dict[tuple[str, str], Line] = {}
-    if not any(line.role.startswith("command_") for line in lines):
+    positions = [line.joint for line in lines if line.role == "q"]
+    commanded = any(line.role.startswith("command_") for line in lines)
+    if not commanded and len(positions) == len(set(positions)):
         lines = [replace(x, role="command_torque", why=x.why + MOVED) if x.role == "tau" else x
                  for x in lines]  # fmt: skip
-    for line in lines:
+    for line in sorted(lines, key=lambda line: not _is_measured(line)):
         first.setdefault((line.role, line.joint), line)
+    used = [line for line in lines if first[line.role, line.joint] is line]
+    unmatched = f"no joint of the robot ({', '.join(joints)}) is in: {', '.join(strangers)}"
     if not first:
-        raise ParameterError(
-            f"{file}: no name says what is measured or commanded; it has "
-            f"{', '.join(names) or 'nothing'}. Write a mapping by hand (docs/gap_import.md)"
-        )
-    rest = [line for line in lines if line not in first.values()]
-    used = {line.column for line in lines} | {line.topic for line in lines}
+        why = unmatched if strangers else (
+            f"no name says what is measured or commanded; it has {', '.join(names) or 'nothing'}"
+        )  # fmt: skip
+        raise ParameterError(f"{file}: {why}. Write a mapping by hand (docs/gap_import.md)")
+    rest = [line for line in lines if line not in used]
+    seen = {line.column for line in lines} | {line.topic for line in lines}
     text = [f"# Drafted from {file}: look at each line, above all at joints, units and signs.",
-            *head, "columns:", *(line.text for line in first.values())]  # fmt: skip
-    text += [f"# The same again, left out: {line.text.strip(' -')}" for line in rest]
-    left = [name for name in names if name not in used]
+            *head, "columns:", *(line.text for line in used)]  # fmt: skip
+    text += [f"# Also {line.role} of {line.joint}, left out; or a command? {line.text.strip(' -')}"
+             for line in rest]  # fmt: skip
+    left = [name for name in names if name not in seen]
     text += [f"# Not used: {', '.join(left)}"] if left else []
+    text += [f"# {unmatched[0].upper()}{unmatched[1:]}"] if strangers else []
     return "\n".join([*text, *(f"# Missing: {what}" for what in missing(first, joints))]) + "\n"
+
+
+def _is_measured(line: Line) -> bool:
+    """True if the name of a column says that it is measured."""
+    return not words.MEASURED.isdisjoint(words.words(line.column))
 
 
 def missing(found: Mapping[tuple[str, str], Line], joints: Sequence[str]) -> list[str]:
@@ -124,8 +142,8 @@ def missing(found: Mapping[tuple[str, str], Line], joints: Sequence[str]) -> lis
 
 
 def _column(
+    table: tables.Table,
     name: str,
-    values: np.ndarray,
     joints: Sequence[str],
     numbered: Mapping[int, str],
     speed: bool,
@@ -140,10 +158,14 @@ def _column(
         joint, comment = joints[0], f"{comment}, the only joint"
     if not guess.role or not joint:
         return []
-    unit, reason = _unit(guess.role, guess.unit, values, speed)
+    unit, reason = _unit(guess.role, guess.unit, table.columns[name], speed)
     scaled = units.dimension(unit) in ("current", "counts") if unit else False
     reason += "; scale: N·m per A, from the data sheet" if scaled else ""
-    return [Line(name, guess.role, joint, comment + reason, unit, scale="1.0" if scaled else "")]
+    absent = table.text_rows(name)
+    for text, rows in absent.items():
+        reason += f"; “{' '.join(text.split())}” in {len(rows)} rows: no reading?"
+    scale = "1.0" if scaled else ""
+    return [Line(name, guess.role, joint, comment + reason, unit, "", scale, tuple(absent))]
 
 
 def _unit(role: str, unit: str, values: np.ndarray, speed: bool) -> tuple[str, str]:
@@ -160,10 +182,16 @@ def _unit(role: str, unit: str, values: np.ndarray, speed: bool) -> tuple[str, s
     return "", ""
 
 
-def _time(columns: Mapping[str, np.ndarray]) -> tuple[str, list[str]]:
-    """Name of the time column, empty if there is none, and its lines of the mapping."""
-    for name, values in columns.items():
-        unit, finite = words.time_unit(name), values[np.isfinite(values)]
+def _time(table: tables.Table) -> tuple[str, list[str]]:
+    """Name of the time column, empty if there is none, and its lines of the mapping.
+
+    Of several columns, those that rise from row to row and that are times by their content are
+    preferred.
+    """
+    candidates: list[tuple[bool, bool, str, list[str]]] = []
+    for name, values in table.columns.items():
+        is_clock = name in table.clocks
+        unit, finite = "s" if is_clock else words.time_unit(name), values[np.isfinite(values)]
         if unit is None or len(finite) < 3 or np.mean(np.diff(finite) >= 0.0) < 0.9:
             continue
         step = float(np.median(np.diff(finite)))
@@ -171,14 +199,25 @@ def _time(columns: Mapping[str, np.ndarray]) -> tuple[str, list[str]]:
                 if step > 0.0 and RATES[0] <= 1.0 / (step * units.factor(u)) <= RATES[1]]  # fmt: skip
         symbol = unit or (fits or ["s"])[0]
         rate = 1.0 / (step * units.factor(symbol)) if step > 0.0 else 0.0
-        comment = f"rises by {step:.6g}, {rate:.4g} Hz"
-        return name, [f"time: {{column: {_quoted(name)}, unit: {symbol}}}  # {comment}"]
-    return "", ["time: {rate: 100}  # no column of times: say the rate of the log in Hz"]
+        comment = f"rises by {step:.6g}, {rate:.4g} Hz" if rate else "does not rise in most rows"
+        line = f"time: {{column: {_quoted(name)}, unit: {symbol}}}  # {comment}"
+        candidates.append((step > 0.0, is_clock, name, [line]))
+    if candidates:
+        *_, name, lines = max(candidates, key=lambda entry: entry[:2])
+        return name, lines
+    why = next((why for name, why in table.texts.items() if words.time_unit(name) is not None), "")
+    why = " ".join((why or "no column of times").split())
+    return "", [f"# time: {{rate: }}  # {why}: add this line with the rate of the log in Hz"]
 
 
 def _quoted(text: str) -> str:
     """Text in quotation marks where YAML would otherwise read it as another type."""
     simple = text.replace("_", "a").isalnum() and not text[:1].isdigit()
     reserved = text.lower() in ("y", "n", "yes", "no", "on", "off", "true", "false", "null")
+    return text if simple and not reserved else _text(text)
+
+
+def _text(text: str) -> str:
+    """Text in quotation marks for YAML."""
     escaped = text.replace("\\", "\\\\").replace('"', '\\"')
-    return text if simple and not reserved else f'"{escaped}"'
+    return f'"{escaped}"'

@@ -3,16 +3,23 @@
 
 from __future__ import annotations
 
+import itertools
 import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
+from loco_control.exceptions import NameUnknownError
+
+from ..recordings import mapping, units
+
 COMMANDS = frozenset(
     "cmd cmds command commands commanded target targets goal goals desired des ref reference "
-    "setpoint setpoints sp action actions demand demanded".split()
+    "setpoint setpoints sp action actions demand demanded soll sollwert".split()
 )
+# Commands only if the other words of a name are known; the second are torques without another word.
+SETS, INPUTS = frozenset(("set",)), frozenset(("u", "input", "inputs"))
 MEASURED = frozenset(
-    "meas measured actual act state states feedback fb present observation".split()
+    "meas measured actual act state states feedback fb present observation ist istwert".split()
 )
 QUANTITIES = {
     "position": "pos position positions angle angles q theta phi encoder enc",
@@ -23,13 +30,17 @@ QUANTITIES = {
 ROLES = {"position": "q", "velocity": "dq", "torque": "tau", "current": "tau"}
 UNITS = {
     "deg": "deg", "degree": "deg", "degrees": "deg", "rad": "rad", "radian": "rad", "mm": "mm",
-    "rpm": "rpm", "dps": "deg/s", "nm": "N m", "mnm": "mN m", "ma": "mA", "amp": "A",
+    "rpm": "rpm", "dps": "deg/s", "nm": "N m", "mnm": "mN m", "ma": "mA", "amp": "A", "rads": "rad",
 }  # fmt: skip
 TIMES = {
-    "t": "", "time": "", "timestamp": "", "stamp": "", "times": "", "clock": "", "s": "s",
-    "sec": "s", "secs": "s", "seconds": "s", "ms": "ms", "us": "us", "ns": "ns", "nsec": "ns",
+    "t": "", "time": "", "zeit": "", "timestamp": "", "stamp": "", "times": "", "clock": "",
+    "s": "s", "sec": "s", "secs": "s", "seconds": "s",
+    "ms": "ms", "us": "us", "ns": "ns", "nsec": "ns",
 }  # fmt: skip
-NOISE = frozenset("joint joints topic data value values dof motor name header robot the of".split())
+NOISE = frozenset(
+    "joint joints topic data value values dof motor axis achse name header robot the of".split()
+)
+LETTERS = frozenset("a j m".split())  # of axis, joint and motor, before a number
 _OF_WORD = {word: kind for kind, text in QUANTITIES.items() for word in text.split()}
 _SPLIT = re.compile(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+|\d+")
 
@@ -66,18 +77,39 @@ def guess(name: str, joints: Sequence[str] = ()) -> Guess:
     joint = joint_in(name, joints)
     joint_tokens = words(joint) if joint else []
     rest = _without(words(name), joint_tokens)
-    commanded = next((w for w in rest if w in COMMANDS), "")
+    vocabulary = {*COMMANDS, *SETS, *INPUTS, *MEASURED, *UNITS, *NOISE, *_OF_WORD, "s", "m"}
+    unknown = [token for token in rest if token not in vocabulary]
     of = next((w for w in reversed(rest) if w in _OF_WORD), "")
-    unit = next((UNITS[w] for w in rest if w in UNITS), "")
-    kind = _OF_WORD.get(of, "position" if commanded else "")
+    legal = COMMANDS
+    if of or not [token for token in unknown if not token.isdigit()] or not (joint or joints):
+        legal = legal | SETS | INPUTS
+    commanded = next((w for w in rest if w in legal), "")
+    default = ("torque" if commanded in INPUTS else "position") if commanded else ""
+    kind = _OF_WORD.get(of, default)
     if not kind:
-        return Guess("", unit, joint, "")
+        return Guess("", "", joint, "")
     role = f"command_{'torque' if kind == 'current' else kind}" if commanded else ROLES[kind]
-    unit = unit or ("A" if kind == "current" else "")
+    unit = _unit(name, role) or ("A" if kind == "current" else "")
     if not joint and not joints:
-        vocabulary = {commanded, of, *COMMANDS, *MEASURED, *UNITS, *NOISE, *_OF_WORD}
-        joint = "_".join(token for token in rest if token not in vocabulary)
+        joint = "_".join(unknown)
     return Guess(role, unit, joint, " and ".join(f"“{w}”" for w in (commanded, of) if w))
+
+
+def _unit(name: str, role: str) -> str:
+    """Unit in a name that fits a role: in brackets, at its end, or as a word; empty if none."""
+    legal = (*mapping.ROLES[role][0], *(["current"] if "torque" in mapping.ROLES[role][0] else []))
+    ending = re.split(r"[\s_.]", name)[-1]
+    candidates = re.findall(r"[\[(]([^\])]*[^\d\])][^\])]*)[\])]", name)
+    candidates += [ending] if len(ending) > 1 else []
+    candidates += [UNITS[token] for token in words(name) if token in UNITS]
+    for text in candidates:
+        for spelled in (text, f"{text}/s"):
+            try:
+                if units.dimension(spelled) in legal:
+                    return units.unit(spelled)
+            except NameUnknownError:
+                continue
+    return ""
 
 
 def joint_in(name: str, joints: Sequence[str]) -> str:
@@ -91,8 +123,9 @@ def number(name: str, joints: Sequence[str] = ()) -> int | None:
     """Number of a joint in a name such as q1, dq_2 or effort[3]; None if it has another word."""
     tokens = words(name)
     digits = [token for token in tokens if token.isdigit()]
-    known = {*COMMANDS, *MEASURED, *UNITS, *NOISE, *_OF_WORD, *digits}
+    known = {*COMMANDS, *SETS, *INPUTS, *MEASURED, *UNITS, *NOISE, *_OF_WORD, *digits, "s"}
     known |= {token for joint in joints for token in words(joint)}
+    known |= {a for a, b in itertools.pairwise(tokens) if a in LETTERS and b.isdigit()}
     return int(digits[0]) if len(digits) == 1 and known.issuperset(tokens) else None
 
 

@@ -94,10 +94,14 @@ def record(
         suspect.times(name, tracks)
     messages = list(notes)
     if not trust_units:
-        series.single(name, [track for track in tracks if not cuts.cut_rows([track])])
+        single = [track for track in tracks if not cuts.cut_rows([track])]
+        series.single(name, [observe.unwrapped(track, robot, []) for track in single])
     tracks = steady.steadied(checks.measured(name, tracks, messages), messages)
     tracks = [_ordered(name, track, messages) for track in tracks]
-    tracks = [observe.unwrapped(track, robot, messages) for track in tracks]
+    wrapped = tracks
+    tracks = [observe.unwrapped(track, robot, messages) for track in wrapped]
+    tracks = [new if new is old else observe.beside_command(new, tracks, messages)
+              for old, new in zip(wrapped, tracks, strict=True)]  # fmt: skip
     tracks = _one_sheet(tracks)
     checks.moving(name, tracks)
     start, end = _overlap(name, tracks)

@@ -16,7 +16,7 @@ from loco_sim.robot.robot import Robot
 from . import align, tables, tracks
 from .foreign import EPISODE
 from .mapping import Column, Mapping, Rule
-from .record import Record
+from .record import Doubt, Record
 
 NO_RECORDING = "there is no recording at {}; name a bag folder or a file (docs/gap_import.md)"
 
@@ -34,7 +34,7 @@ class TableSource:
         self._tables: dict[str, tables.Table] = {"": self._table}
         self._times: dict[tuple[str, str], np.ndarray] = {}
         self.header = self._table.header
-        self.notes: list[str] = []
+        self.notes: list[str] = list(self._table.notes)
         episode = self.header.get(EPISODE)
         stem = path.name.removesuffix(".gz").rsplit(".", 1)[0]
         self.name = stem if episode is None else f"episode {episode}"
@@ -42,25 +42,44 @@ class TableSource:
     def series(self, column: Column) -> tuple[np.ndarray, np.ndarray]:
         """Time stamps [s] and raw values of a column, each (K,)."""
         if column.file not in self._tables:
-            self._tables[column.file] = tables.read(
-                self._folder / column.file, self._mapping.samples
-            )
+            other = tables.read(self._folder / column.file, self._mapping.samples)
+            self._tables[column.file] = other
+            self.notes += other.notes
         table = self._tables[column.file]
         time = column.time or self._mapping.time
         if (column.file, time) not in self._times:
             self._times[column.file, time] = self._clock(table, time)
-        t, raw = self._times[column.file, time], table.column(column.column)
+        t = self._times[column.file, time]
+        raw = table.column(column.column, column.missing_texts)
+        for text, rows in table.text_rows(column.column).items():
+            self.notes.append(
+                Doubt(
+                    f"{column.column}: {len(rows):,} of {len(raw):,} cells are {text!r}, which the "
+                    "mapping calls missing: left out"
+                )
+            )
+        if time in table.cell_texts:
+            t, raw = (x[table.cell_texts[time] == ""] for x in (t, raw))
         if column.time:  # a column with its own times may be shorter than the table
             t, raw = t[np.isfinite(t)], raw[np.isfinite(t)]
         return t, raw
 
     def _clock(self, table: tables.Table, time: str) -> np.ndarray:
         if time:
-            return table.column(time) * self._mapping.time_unit
+            by_text = table.text_rows(time)
+            for text, rows in by_text.items():
+                self.notes.append(
+                    Doubt(
+                        f"{time}: row {rows[0]}{' and others' if rows[1:] else ''} has the text "
+                        f"{text!r} for its time: no reading"
+                    )  # fmt: skip
+                )
+            return table.column(time, tuple(by_text)) * self._mapping.time_unit
         if not self._mapping.time_rate:
             raise ParameterError(
-                f"{self._mapping.path.name} must say time: {{column: ...}} or time: {{rate: ...}}; "
-                f"{table.path.name} has {', '.join(table.columns)}"
+                f"{self._mapping.path} must say time: {{column: ...}} with the times, or "
+                f"time: {{rate: ...}} with the rate of the log in Hz; {table.path.name} has "
+                f"{', '.join(table.columns)}"
             )
         return np.arange(len(table)) / self._mapping.time_rate
 

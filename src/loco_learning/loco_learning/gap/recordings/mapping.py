@@ -86,6 +86,7 @@ class Column:
         clock: Clock of a topic's messages, one of `CLOCKS`; empty: header stamps if present.
         between: Course between samples, one of `BETWEEN`: held, or linear to the next sample.
         missing: Raw value that means no reading; None if every value is a reading.
+        missing_texts: Texts of a table that mean no reading.
     """
 
     column: str
@@ -101,6 +102,7 @@ class Column:
     between: str = ""
     clock: str = ""
     missing: float | None = None
+    missing_texts: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -297,6 +299,12 @@ def _column(value: Any, index: int) -> Column:
             f"topic in a bag; got {clock!r}"
         )
     scale = units.number(value.get("scale", 1.0), f"scale of column {name!r}")
+    absent = value.get("missing", [])
+    absent = absent if isinstance(absent, list) else [absent]
+    missing_texts = tuple(text for text in absent if isinstance(text, str) and not _is_number(text))
+    numbers = [entry for entry in absent if entry not in missing_texts]
+    if len(numbers) > 1:
+        raise ParameterError(f"missing of column {name!r} may have one number, got {absent!r}")
     size = 1.0
     if "unit" in value and role != UNUSED:
         size = _unit(value["unit"], dimensions, f"column {name!r} ({role})", "scale" in value)
@@ -310,7 +318,8 @@ def _column(value: Any, index: int) -> Column:
         wrap=wrap,
         between=between,
         clock=clock,
-        missing=_missing(value, f"missing of column {name!r}"),
+        missing=units.number(numbers[0], f"missing of column {name!r}") if numbers else None,
+        missing_texts=missing_texts,
         **{key: str(value.get(key, "")) for key in ("file", "topic", "time")},
     )
 
@@ -417,6 +426,15 @@ def _list(values: dict[str, Any], key: str) -> list:
 def _missing(values: dict[str, Any], what: str) -> float | None:
     """Value that means no reading; None if not given."""
     return units.number(values["missing"], what) if "missing" in values else None
+
+
+def _is_number(text: str) -> bool:
+    """True for a number, or an expression of numbers, as text."""
+    try:
+        units.number(text, text)
+    except ParameterError:
+        return False
+    return True
 
 
 def _yes(values: dict[str, Any], key: str) -> bool:

@@ -39,6 +39,27 @@ def unwrapped(track: Track, robot: Robot, told: list[str]) -> Track:
     return replace(track, x=np.unwrap(track.x))
 
 
+def beside_command(track: Track, tracks: Sequence[Track], messages: list[str]) -> Track:
+    """An unwrapped position in the turn of its command; other signals unchanged.
+
+    Args:
+        track: Signal of a joint.
+        tracks: All signals, with increasing time stamps.
+        messages: List to which a sentence is appended for a position that was in another turn.
+    """
+    command = next((k for k in tracks if k.role == "command_position" and k.place == track.place),
+                   None)  # fmt: skip
+    if track.role != "q" or command is None:
+        return track
+    error = track.x - np.interp(track.t, command.t, command.x)
+    turns = round(float(np.median(error)) / TURN)
+    if turns:
+        messages.append(
+            Doubt(f"{track.label} was {turns} turns from its command: they were taken off")
+        )
+    return replace(track, x=track.x - TURN * turns)
+
+
 def notes(tracks: Sequence[Track], rate: float, gap: float) -> list[str]:
     """Peculiarities of time stamps and values, a sentence each.
 

@@ -4,8 +4,9 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
-from dataclasses import dataclass, field
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from datetime import datetime
 from pathlib import Path
 from typing import Any
 
@@ -15,9 +16,19 @@ from loco_control.exceptions import NameUnknownError, ParameterError
 from loco_control.reading import parse_csv, parse_json, read_text, understood
 
 from . import foreign
+from .record import Doubt
 
 KINDS = (".csv", ".txt", ".tsv", ".json", ".jsonl", ".pt", ".parquet")
 BINARY = {".pt": foreign.torch_columns, ".parquet": foreign.parquet_columns}
+EMPTY = ("", "none", "null", "nan", "na")
+HALF_DAY = 43200.0  # [s]; a time of day that falls by more has passed midnight
+_TIME_OF_DAY = re.compile(r"(\d+):(\d\d):(\d\d(?:[.,]\d+)?)")
+_DATE = re.compile(
+    r"(\d{4}-\d\d-\d\d)[T ](\d\d:\d\d:\d\d)(?:[.,](\d+))? ?(?:Z|([+-]\d\d):?(\d\d))?", re.IGNORECASE
+)
+# Columns of the seconds and nanoseconds of one time stamp.
+_SECONDS = re.compile(r"(.*?)[._/ ]*(?:secs?|seconds)", re.IGNORECASE)
+_NANOSECONDS = re.compile(r"(.*?)[._/ ]*n(?:ano)?(?:secs?|seconds)", re.IGNORECASE)
 
 
 @dataclass(frozen=True, eq=False)
@@ -26,32 +37,58 @@ class Table:
 
     Attributes:
         path: File of the table.
-        columns: Numbers by name, all of one length; NaN for an empty field.
+        columns: Numbers by name, all of one length; NaN for an empty field and a text. Dates and
+            times of day are in seconds.
         header: Other fields of a JSON log.
-        texts: Reason why a column of a CSV file holds no numbers, by name; an error if it is used.
+        texts: Reason why a column holds no numbers, by name; an error if it is used.
+        cell_texts: Texts among the numbers of a column, each (T,), empty for a number; by name.
+        clocks: Columns that are times by their content: dates, times of day, stamps of two columns.
+        notes: Sentences on rows that are no samples.
     """
 
     path: Path
     columns: dict[str, np.ndarray]
     header: dict[str, Any] = field(default_factory=dict)
     texts: dict[str, str] = field(default_factory=dict)
+    cell_texts: dict[str, np.ndarray] = field(default_factory=dict)
+    clocks: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()
 
     def __len__(self) -> int:
         return len(next(iter(self.columns.values())))
 
-    def column(self, name: str) -> np.ndarray:
+    def column(self, name: str, missing: Sequence[str] = ()) -> np.ndarray:
         """A column by name.
+
+        Args:
+            name: Name of the column.
+            missing: Texts that mean no reading.
 
         Raises:
             NameUnknownError: The file has no such column.
-            ParameterError: The column does not hold numbers.
+            ParameterError: The column does not hold numbers, or has another text among them.
         """
         for text in (name, name.split("[")[0]):
             if text in self.texts:
                 raise ParameterError(self.texts[text])
         if name not in self.columns:
             raise NameUnknownError(f"column in {self.path.name}", name, self.columns)
+        for text, rows in self.text_rows(name).items():
+            if text not in missing:
+                raise ParameterError(
+                    f"{self.path.name}: column {name!r} has the text {text!r} in {len(rows)} of "
+                    f"{len(self)} rows, the first in row {rows[0]}; if it means that there is no "
+                    f'reading, say missing: "{text}" at the column'
+                )
         return self.columns[name]
+
+    def text_rows(self, name: str) -> dict[str, list[int]]:
+        """Rows of each text among the numbers of a column."""
+        text_cells: dict[str, list[int]] = {}
+        for row, text in enumerate(self.cell_texts.get(name, ())):
+            if text:
+                text_cells.setdefault(text, []).append(row)
+        return text_cells
 
 
 def episodes(table: Table) -> list[Table]:
@@ -62,9 +99,10 @@ def episodes(table: Table) -> list[Table]:
     result = []
     for number in np.unique(numbers[np.isfinite(numbers)]):
         rows = numbers == number
-        columns = {name: values[rows] for name, values in table.columns.items()}
+        columns, cells = ({name: values[rows] for name, values in by_name.items()}
+                          for by_name in (table.columns, table.cell_texts))  # fmt: skip
         header = {**table.header, foreign.EPISODE: int(number)}
-        result.append(Table(table.path, columns, header, table.texts))
+        result.append(replace(table, columns=columns, header=header, cell_texts=cells))
     return result
 
 
@@ -125,36 +163,101 @@ def _from_csv(path: Path, text: str) -> Table:
             f"{path.name} has no header line: its first line is all numbers, wanted are the "
             "names of the columns"
         )
-    cells = list(zip(*_padded(path, rows, len(names)), strict=True))
+    rows, notes = _samples(_padded(path, rows, len(names)), first)
+    cells: dict[str, Sequence[Any]] = {}
+    for name, values in zip(names, zip(*rows, strict=True), strict=False):
+        if name in cells:
+            raise ParameterError(f"{path.name} has two columns named {name!r}")
+        if name:
+            cells[name] = values
+    return _of_cells(path, cells, notes=notes)
+
+
+def _samples(rows: list[Sequence[str]], head: Sequence[str]) -> tuple[list, tuple[str, ...]]:
+    """Rows that are samples, with a sentence on each other one.
+
+    A repeated header begins an appended log; a single text is a remark, such as ``end of log``.
+    """
+    retained, remarks = [], dict[str, list[int]]()
+    header = tuple(cell.strip() for cell in head)
+    for number, row in enumerate(rows):
+        filled = [cell.strip() for cell in row if cell.strip()]
+        text = filled[0] if len(filled) == 1 < len(row) else ""
+        if tuple(cell.strip() for cell in row) == header:
+            remarks.setdefault("", []).append(number)
+        elif text and text[0] != "[" and _number(text) is None and _seconds(text) is None:
+            remarks.setdefault(text, []).append(number)
+        else:
+            retained.append(row)
+    return retained, tuple(
+        Doubt(f"row {' and '.join(map(str, numbers[:5]))}{' and others' if numbers[5:] else ''} "
+              f"{f'has only the text {text!r}' if text else 'repeats the header'}: no sample")
+        for text, numbers in remarks.items()
+    )  # fmt: skip
+
+
+def _of_cells(
+    path: Path,
+    cells: Mapping[str, Sequence[Any]],
+    header: dict[str, Any] | None = None,
+    notes: tuple[str, ...] = (),
+) -> Table:
+    """Table of named columns of cells, with a column for each pair of seconds and nanoseconds."""
     columns: dict[str, np.ndarray] = {}
     messages: dict[str, str] = {}
-    for name, values in zip(names, cells, strict=False):
-        if name in columns or name in messages:
-            raise ParameterError(f"{path.name} has two columns named {name!r}")
+    marks: dict[str, np.ndarray] = {}
+    clocks: list[str] = []
+    for name, values in cells.items():
         try:
-            if name and any(value.lstrip().startswith("[") for value in values[:1]):
+            if any(str(value).lstrip().startswith("[") for value in values[:1]):
                 columns |= _lists(path, name, values)
-            elif name:
-                columns[name] = _numbers(path, name, values, separator == ";")
+                continue
+            columns[name], text_cells, is_time = _numbers(path, name, values)
         except ParameterError as error:
             messages[name] = str(error)
-    return Table(path, columns, texts=messages)
+            continue
+        clocks += [name] * is_time
+        if text_cells is not None:
+            marks[name] = text_cells
+    stamps = _joined(columns)
+    clocks = [*stamps, *clocks]
+    return Table(path, columns | stamps, header or {}, messages, marks, tuple(clocks), notes)
+
+
+def _joined(columns: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
+    """Times [s] from columns of seconds and of nanoseconds, by the words before both."""
+    parts = {}
+    for name in columns:
+        match = _NANOSECONDS.fullmatch(name)
+        if match:
+            parts[match[1].lower()] = name
+    stamps = {}
+    for name in columns:
+        match = _SECONDS.fullmatch(name)
+        other = parts.get(match[1].lower()) if match else None
+        joined = (match[1] if match else "") or "sec + nanosec"
+        if other and joined not in columns:
+            stamps[joined] = columns[name] + 1e-9 * columns[other]
+    return stamps
 
 
 def _lists(path: Path, name: str, cells: Sequence[str]) -> dict[str, np.ndarray]:
     """Columns from cells that are lists of numbers, ``"[0.1, 0.2]"``, as ``name[0]`` and so on."""
-    rows = [re.split(r"[,;\s]+", cell.strip().strip("[]").strip()) for cell in cells]
+    rows = [re.split(r"[,;\s]+", str(cell).strip().strip("[]").strip()) for cell in cells]
     for line, row in enumerate(rows):
         if len(row) != len(rows[0]):
             raise ParameterError(
                 f"{path.name}: column {name!r} lists {len(row)} numbers in row {line}, "
                 f"{len(rows[0])} before"
             )
-    columns = zip(*rows, strict=True)
-    return {
-        f"{name}[{i}]": _numbers(path, f"{name}[{i}]", list(values), False)
-        for i, values in enumerate(columns)
-    }
+    result = {}
+    for i, values in enumerate(zip(*rows, strict=True)):
+        result[f"{name}[{i}]"], text_cells, _ = _numbers(path, f"{name}[{i}]", values)
+        if text_cells is not None:
+            raise ParameterError(
+                f"{path.name}: column {name!r} lists {max(text_cells)!r}, no number"
+            )
+    return result
 
 
 def _separator(line: str) -> str:
@@ -174,16 +277,53 @@ def _padded(path: Path, rows: Any, width: int) -> list[Sequence[str]]:
     return full
 
 
-def _numbers(path: Path, name: str, values: Sequence[str], comma: bool) -> np.ndarray:
+def _numbers(
+    path: Path, name: str, cells: Sequence[Any]
+) -> tuple[np.ndarray, np.ndarray | None, bool]:
+    """Numbers of cells, (T,), texts among them or None, and whether they are dates or times of day.
+
+    A column has numbers, or times, if most of its cells are such, or a single other text.
+
+    Raises:
+        ParameterError: The column is one of texts.
+    """
     try:
-        return np.array([float(v) if v else np.nan for v in values])
-    except ValueError:
-        return np.array([_number(path, name, i, v, comma) for i, v in enumerate(values)])
+        return np.array([float(v) if v not in ("", None) else np.nan for v in cells]), None, False
+    except (ValueError, TypeError):
+        pass
+    comma = not any("." in str(cell) for cell in cells)  # else it separates thousands
+    numbers = [_number(cell, comma) for cell in cells]
+    text_cells = [row for row, value in enumerate(numbers) if value is None]
+    times = [_seconds(str(cell)) for cell in cells]
+    n_numbers = sum(value is not None and not np.isnan(value) for value in numbers)
+    is_time = 2 * sum(value is not None for value in times) > n_numbers + len(text_cells)
+    if is_time:
+        numbers = [v if str(cell).strip() else np.nan for v, cell in zip(times, cells, strict=True)]
+        text_cells = [row for row, value in enumerate(numbers) if value is None]
+    elif n_numbers < max(2, len(text_cells)) and (
+        n_numbers < 2 or len({cells[row] for row in text_cells}) > 1
+    ):
+        row = text_cells[0]
+        raise ParameterError(
+            f"{path.name}: column {name!r} has {cells[row]!r} in row {row}, wanted is a number"
+        )
+    values = np.array([np.nan if value is None else value for value in numbers], dtype=float)
+    marks = None
+    if text_cells:
+        marks = np.full(len(cells), "", dtype=object)
+        marks[text_cells] = [str(cells[row]).strip() for row in text_cells]
+    return _past_midnight(values) if is_time else values, marks, is_time
 
 
-def _number(path: Path, name: str, row: int, text: Any, comma: bool) -> float:
-    token = str(text).strip().lower()
-    if token in ("", "none", "null", "nan", "na"):
+def _number(cell: Any, comma: bool = True) -> float | None:
+    """Number of a cell, NaN for an empty one; None for a text.
+
+    Args:
+        cell: The cell.
+        comma: Whether a comma is a decimal point.
+    """
+    token = str(cell).strip().lower()
+    if token in EMPTY:
         return np.nan
     if token in ("true", "false"):
         return float(token == "true")
@@ -192,9 +332,34 @@ def _number(path: Path, name: str, row: int, text: Any, comma: bool) -> float:
     try:
         return float(token)
     except ValueError:
-        raise ParameterError(
-            f"{path.name}: column {name!r} has {text!r} in row {row}, wanted is a number"
-        ) from None
+        return None
+
+
+def _seconds(text: str) -> float | None:
+    """Time [s] of a date with a time (ISO 8601, UTC if without zone) or of a time of day, or None.
+
+    Dates count from 1970, times of day from midnight.
+    """
+    match = _TIME_OF_DAY.fullmatch(text.strip())
+    if match:
+        hours, minutes, seconds = (float(part.replace(",", ".")) for part in match.groups())
+        return 3600.0 * hours + 60.0 * minutes + seconds
+    match = _DATE.fullmatch(text.strip())
+    try:
+        date, clock, fraction, hours, minutes = match.groups() if match else [""] * 5
+        moment = datetime.fromisoformat(f"{date}T{clock}{hours or '+00'}:{minutes or '00'}")
+    except ValueError:
+        return None
+    return moment.timestamp() + float(f"0.{fraction or 0}")
+
+
+def _past_midnight(t: np.ndarray) -> np.ndarray:
+    """Times [s] with a day added where a time of day begins again."""
+    valid = np.isfinite(t)
+    days = np.zeros(len(t))
+    if valid.any() and np.nanmax(t) < 4.0 * HALF_DAY:
+        days[valid] = np.cumsum(np.diff(t[valid], prepend=t[valid][0]) < -HALF_DAY)
+    return t + 2.0 * HALF_DAY * days
 
 
 def _is_number(text: str) -> bool:
@@ -212,7 +377,7 @@ def _from_json(path: Path, value: Any, samples: str) -> Table:
         records = {k: v for k, v in lists.items() if isinstance(v[0], dict)}
         if not samples and not records and lists:  # a mapping of columns
             header = {k: v for k, v in value.items() if k not in lists}
-            return Table(path, _equal(path, lists), header)
+            return _of_cells(path, _equal(path, lists), header)
         samples = samples or (next(iter(records)) if len(records) == 1 else "")
         if samples not in records:
             raise NameUnknownError(f"list of samples in {path.name}", samples, records)
@@ -222,7 +387,7 @@ def _from_json(path: Path, value: Any, samples: str) -> Table:
     names = {name: None for row in rows for name in _flat(row)}
     flattened = [_flat(row) for row in rows]
     lists = {name: [row.get(name) for row in flattened] for name in names}
-    return Table(path, _equal(path, lists), header)
+    return _of_cells(path, _equal(path, lists), header)
 
 
 def _flat(row: dict[str, Any], prefix: str = "") -> dict[str, Any]:
@@ -240,14 +405,9 @@ def _flat(row: dict[str, Any], prefix: str = "") -> dict[str, Any]:
     return result
 
 
-def _equal(path: Path, lists: dict[str, list]) -> dict[str, np.ndarray]:
-    """Columns of numbers; columns of text are omitted."""
+def _equal(path: Path, lists: dict[str, list]) -> dict[str, list]:
+    """Columns of one length, without those of lists."""
     lengths = {len(values) for values in lists.values()}
     if len(lengths) != 1:
         raise ParameterError(f"{path.name}: its columns have {sorted(lengths)} samples")
-    non_numeric = {k for k, v in lists.items() if any(isinstance(x, (str, list)) for x in v)}
-    return {
-        name: np.array([np.nan if x is None else float(x) for x in values])
-        for name, values in lists.items()
-        if name not in non_numeric
-    }
+    return {k: v for k, v in lists.items() if not any(isinstance(x, list) for x in v)}

@@ -61,7 +61,7 @@ def draft(path: str | Path, joints: Sequence[str]) -> str:
             file = next((p for p in sorted(path.iterdir()) if tables.is_table(p)), path)
         if not file.is_file() or not tables.is_table(file):
             raise ParameterError(f"{path} is no recording: neither a bag nor a table")
-        text = of_table(tables.read(file).columns, joints, file.name)
+        text = of_table(tables.read(file), joints)
         if path.is_dir():
             text += f'files: "*{"".join(file.suffixes)}"\n'
     mapping.loads(text, mapping.FILE)

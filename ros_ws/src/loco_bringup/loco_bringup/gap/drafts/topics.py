@@ -35,7 +35,8 @@ def of_bag(bag: Bag, joints: Sequence[str]) -> str:
                 lines += [x for x in reader(name, message, joints) if x not in lines]
     order = {joint: row for row, joint in enumerate(joints)}
     retained = [line for line in lines if not joints or line.joint in order]
-    return written(retained, sorted(bag.topics), joints, bag.path.name)
+    strangers = dict.fromkeys(line.joint for line in lines if joints and line.joint not in order)
+    return written(retained, sorted(bag.topics), joints, bag.path.name, strangers=list(strangers))
 
 
 def first_messages(bag: Bag, name: str) -> list[Any]:

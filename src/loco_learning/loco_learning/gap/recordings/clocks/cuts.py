@@ -84,6 +84,14 @@ def _pauses(tracks: Sequence[Track]) -> list[str]:
     notes = []
     for start, stop in pauses(tracks):
         row = int(np.sum(first.t <= start)) if first else 0
+        if stop - start <= CUTS.pause:
+            notes.append(
+                Doubt(
+                    f"the time of {first.label} jumps forward by {stop - start:.6g} s at row "
+                    f"{row}, over which its motion goes on: its clock was set forward, cut there"
+                )
+            )
+            continue
         notes.append(
             Doubt(
                 f"angles and commands pause for {stop - start:.6g} s at row {row} of {first.label}: "
@@ -105,21 +113,61 @@ def _between_pauses(tracks: Sequence[Track]) -> list[list[Track]]:
 def pauses(tracks: Sequence[Track]) -> list[tuple[float, float]]:
     """Start and end of pauses [s], in order, without any angle reading or command.
 
-    A signal that is typically silent for that long does not pause.
+    A signal that is typically silent for that long does not pause. Shorter gaps are included if the
+    clock was set forward there.
     """
     clocks = {k.t.tobytes(): k.t for k in tracks if k.role == "q" or k.role.startswith("command_")}
-    common, longest = [(-np.inf, np.inf)], CUTS.pause
+    common, shortest = [(-np.inf, np.inf)], 0.0
     for t in clocks.values():
         stamps = np.unique(t[np.isfinite(t)])
         step = np.diff(stamps)
         if len(step) < CUTS.run:
             return []
-        longest = max(longest, CUTS.silence * float(np.median(step)))
-        rows = np.flatnonzero(step > longest)
+        shortest = max(shortest, CUTS.silence * float(np.median(step)))
+        rows = np.flatnonzero(step > shortest)
         gaps = list(zip(stamps[rows].tolist(), stamps[rows + 1].tolist(), strict=True))
         common = [(max(a, c), min(b, d)) for a, b in common for c, d in gaps]
         common = [(start, stop) for start, stop in common if stop > start]
-    return [(start, stop) for start, stop in common if longest < stop - start < np.inf]
+    return [
+        (start, stop)
+        for start, stop in common
+        if shortest < stop - start < np.inf
+        and (stop - start > CUTS.pause or set_forward(tracks, start, stop))
+    ]
+
+
+def set_forward(tracks: Sequence[Track], start: float, stop: float) -> bool:
+    """True if positions go on over a gap in their stamps [s] as from one reading to the next.
+
+    Parabolas through readings on both sides of the gap fit without it as well as elsewhere, and
+    with it do not.
+    """
+    misfits = []
+    for track in tracks:
+        if track.role != "q" or not np.all(np.isfinite(track.x)) or np.ptp(track.x) == 0.0:
+            continue
+        order = np.argsort(track.t, kind="stable")
+        t, x = track.t[order], track.x[order]
+        row, count = int(np.searchsorted(t, start, side="right")), CUTS.around
+        if not count <= row <= len(t) - count:
+            return False
+        even = _beside_parabola(np.arange(2.0 * count))
+        windows = np.lib.stride_tricks.sliding_window_view(x, 2 * count)
+        usual = np.percentile(np.linalg.norm(windows @ even, axis=1), 95.0)
+        usual = max(float(usual), 1e-9 * float(np.ptp(x)))
+        near = slice(row - count, row + count)
+        real = _beside_parabola(t[near] - t[row])
+        misfits.append([float(np.linalg.norm(x[near] @ by)) / usual for by in (real, even)])
+    return bool(misfits) and (
+        max(real for real, _ in misfits) > CUTS.misfit
+        and max(even for _, even in misfits) < CUTS.continues
+    )
+
+
+def _beside_parabola(t: np.ndarray) -> np.ndarray:
+    """Matrix (K, K) that leaves of values at K times what no parabola through them explains."""
+    basis, _ = np.linalg.qr(np.stack([t**0, t, t**2], axis=1))
+    return np.eye(len(t)) - basis @ basis.T
 
 
 def cut_rows(tracks: Sequence[Track]) -> list[int]:

