@@ -8,6 +8,8 @@ import trimesh
 
 from loco_control.exceptions import ParameterError
 from loco_sim.foreign.tidy import Tidied
+from loco_sim.new_robot.make import make
+from loco_sim.robot import robot as robots
 from loco_sim.robot.frames import _frame, numbers, origin_of
 
 GEOM = '<geom type="capsule" fromto="0 0 0 0.1 0 -0.3" size="0.02"/>'
@@ -161,3 +163,45 @@ def test_a_mesh_that_is_not_there_is_named(tmp_path, content):
 def test_a_body_without_mass_is_one_line_of_mujoco(tmp_path):
     with pytest.raises(ParameterError, match="MuJoCo: .*mass"):
         tidied(tmp_path, ARM.replace(GEOM, "", 1).replace(GEOM, "", 1).replace(GEOM, "", 1))
+
+
+@pytest.mark.parametrize(
+    ("actuator", "gains", "effort"),
+    [
+        (
+            '<position joint="roll" kp="300" forcelimited="true" forcerange="-6 6"/>',
+            (300.0, 0.0),
+            6,
+        ),
+        ('<position joint="roll" kp="5" kv="0.3" gear="10"/>', (500.0, 30.0), None),
+        ('<motor joint="roll" gear="3" ctrllimited="true" ctrlrange="-40 40"/>', None, 120),
+        ('<velocity joint="roll" kv="4"/>', None, None),
+    ],
+)
+def test_gains_and_limits_of_actuators_are_read(tmp_path, actuator, gains, effort):
+    made = tidied(tmp_path, ARM, f"<actuator>{actuator}</actuator>")[1]
+    assert made.rotors.gains.get("roll") == (None if gains is None else pytest.approx(gains))
+    found = joint_of(made, "roll").find("limit").get("effort")
+    assert (None if found is None else float(found)) == effort
+
+
+@pytest.mark.parametrize("kind", ["motor", "muscle"])
+def test_an_actuator_that_drives_no_joint_is_named(tmp_path, kind):
+    more = (
+        '<tendon><fixed name="cord"><joint joint="yaw" coef="1"/></fixed></tendon>'
+        f'<actuator><{kind} name="puller" tendon="cord"/></actuator>'
+    )
+    notes = tidied(tmp_path, ARM, more)[1].notes
+    assert any("without the actuator" in note and "puller" in note for note in notes)
+
+
+@pytest.mark.parametrize(("kp", "used"), [(2000.0, True), (1e-3, False)])
+def test_a_robot_has_the_gains_of_its_actuators_if_they_hold_it(tmp_path, kp, used):
+    more = "".join(
+        f'<position joint="{joint}" kp="{kp}"/>' for joint in ("yaw", "pitch", "rail", "roll")
+    )
+    path, _ = tidied(tmp_path, ARM, f"<actuator>{more}</actuator>")
+    result = make(path, tmp_path / "out")
+    drives = robots.load(result.folder).drives
+    assert all((drive.kp == pytest.approx(kp)) == used for drive in drives.values())
+    assert any("are not used" in note for note in result.notes) != used

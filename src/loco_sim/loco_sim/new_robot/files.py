@@ -104,6 +104,21 @@ class Draft:
         self.guessed_limits = list(dict.fromkeys([*self.guessed_limits, *guessed]))
         self.notes += notes
 
+    @property
+    def gains(self) -> dict[str, tuple[float, float]]:
+        """Stiffness and damping of the position actuators in the file, by joint."""
+        return self.tidied.rotors.gains
+
+    def reject_gains(self, fault: str) -> None:
+        """Drop the gains of the file, which fail the trial with a fault."""
+        if self.gains:
+            stiffness = [kp for kp, _ in self.gains.values()]
+            self.notes.append(
+                f"gains of the actuators in the file (kp {min(stiffness):.3g} to "
+                f"{max(stiffness):.3g}) are not used: {fault}"
+            )
+            self.gains.clear()
+
     def freed(self) -> tuple[list[str], Gains | None]:
         """The locked joints, and gains of drives for them once they are free (no others)."""
         if not self.locked:
@@ -220,7 +235,8 @@ class Folder:
             lines.append(f"height: {self._height:g}  # guessed: nothing touches the ground [m]")
         lines.append(f"control_rate: {RATE:g}  # guessed [Hz]")
         lines.append("guessed: [control_rate, drives]  # `loco gap` fits drives; delete once known")
-        lines.append("drives:  # guessed; a kp of 0 is a wheel that follows a velocity")
+        origin = "from the actuators of the file" if draft.gains else "guessed"
+        lines.append(f"drives:  # {origin}; a kp of 0 is a wheel that follows a velocity")
         every = [*zip(body.joints, gains.kp, gains.kd, gains.armature + body.armature, strict=True)]
         if other is not None:
             every += zip(freed, other.kp, other.kd, other.armature, strict=True)
@@ -317,7 +333,12 @@ class Folder:
         kp = f"kp {driven.min():.3g} to {driven.max():.3g}, " if len(driven) else ""
         step = f", {gains.steps} sub-steps" if gains.steps > 1 else ""
         text = f"{kp}kd {gains.kd.min():.3g} to {gains.kd.max():.3g}{step}"
-        rows.append(("gains", text, GUESSED))
+        if draft.gains:
+            origin = f"kp of {len(draft.gains)} actuators of the file, the others guessed"
+            complete = all(j in draft.gains and draft.gains[j][1] > 0.0 for j in body.joints)
+            rows.append(("gains", text if complete else f"{text}; {origin}", READ))
+        else:
+            rows.append(("gains", text, GUESSED))
         if gains.armature.any():
             count = int((gains.armature > 0.0).sum())
             rows.append(("armature", f"of {count} joints that are too light for gains", GUESSED))

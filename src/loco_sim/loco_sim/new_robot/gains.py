@@ -16,6 +16,7 @@ rotor and gear, which few URDFs include.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -60,6 +61,7 @@ def choose(
     wheels: list[int],
     bolted: bool,
     stiffer: float = 1.0,
+    preset: Mapping[str, tuple[float, float]] | None = None,
 ) -> Gains:
     """Gains for a posture.
 
@@ -71,6 +73,8 @@ def choose(
         wheels: Wheel joints, with a velocity loop only.
         bolted: Whether the base is fixed to the world.
         stiffer: Scale factor of the stiffness.
+        preset: Stiffness and damping of joints by name, which are kept; a damping of 0 is chosen,
+            and one beyond what the steps allow is reduced.
     """
     tau = np.abs(body.weight_torque(q, [] if bolted else bodies, feet)) + body.friction
     inertia = body.inertia(q, bolted)
@@ -82,7 +86,12 @@ def choose(
     pace = 2.0 * np.pi * FREQUENCY
     min_stiffness = np.maximum(body.damping * pace, AGAINST * body.stiffness)
     kp = stiffer * np.maximum.reduce([tau / sag, held * pace**2, min_stiffness])
+    fixed = [(i, preset[j]) for i, j in enumerate(body.joints) if preset and j in preset]
+    for i, (stiffness, _) in fixed:
+        kp[i] = stiffness
     kd = 2.0 * DAMPING_RATIO * np.sqrt(kp * held)
+    for i, (_, damping) in fixed:
+        kd[i] = damping or kd[i]
     # A wheel tracks a speed; its gain stops the robot within about a second.
     kp[wheels] = 0.0
     kd[wheels] = pace * held[wheels]

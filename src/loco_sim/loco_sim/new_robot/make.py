@@ -7,6 +7,7 @@ result.rows      # what was found and what was guessed
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -206,16 +207,24 @@ def _try(
     loads = body.weight_torque(posture.q, bodies, posture.feet)
     draft.guess_limits(body, loads, radii, rng)
     draft.legs = legs.section(body, found, posture)
-    for stiffer in STIFFER:
-        gains = gain.choose(body, posture.q, posture.feet, bodies, wheels, False, stiffer)
+    for stiffer, preset in _attempts(draft):
+        gains = gain.choose(body, posture.q, posture.feet, bodies, wheels, False, stiffer, preset)
         with written(draft, out, body, posture.q, gains, found, posture.height) as folder:
             outcome = trial.stand(folder.robot(), size)
             if not outcome.fault:
                 folder.keep()
                 return Result(out, folder.rows(outcome, posture), draft.all_notes(), True)
+            draft.reject_gains(outcome.fault)
     draft.notes.append(f"bolted, as it does not stand: {outcome.fault}")
     draft.legs = {}
     return None
+
+
+def _attempts(draft: Draft) -> Iterator[tuple[float, dict[str, tuple[float, float]]]]:
+    """Factor on the stiffness and known gains of each trial: those of the file come first."""
+    if draft.gains:
+        yield 1.0, draft.gains
+    yield from ((stiffer, {}) for stiffer in STIFFER)
 
 
 # ---- robots with fixed base
@@ -236,8 +245,8 @@ def _bolted(draft: Draft, out: Path, rng: np.random.Generator) -> Result:
     _mimic(draft, body, q, amplitude)
     height = _clear(draft, body, rng)
     missed: list[tuple[str, ...]] = []
-    for stiffer in STIFFER:
-        gains = gain.choose(body, q, limits.NO_FEET, [], [], True, stiffer)
+    for stiffer, preset in _attempts(draft):
+        gains = gain.choose(body, q, limits.NO_FEET, [], [], True, stiffer, preset)
         with written(draft, out, body, q, gains, [], height, amplitude) as folder:
             robot = folder.robot()
             order = [body.joints.index(joint) for joint in robot.joints]
@@ -245,6 +254,9 @@ def _bolted(draft: Draft, out: Path, rng: np.random.Generator) -> Result:
             if not outcome.fault:
                 folder.keep()
                 return Result(out, folder.rows(outcome, None), draft.all_notes(), False)
+            if preset:
+                draft.reject_gains(outcome.fault)
+                continue
             missed += [outcome.missed] * bool(outcome.missed)
     stuck, led = min(missed, key=len, default=()), draft.description().mimics()
     both = zip(body.joints, q, strict=True)

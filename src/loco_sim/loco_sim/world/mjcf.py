@@ -31,6 +31,7 @@ KINDS = {
 }
 TENSOR = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
 GEOM = mujoco.mjtGeom
+AFFINE = int(mujoco.mjtBias.mjBIAS_AFFINE)
 Note = Callable[[str, str], None]
 
 
@@ -312,10 +313,12 @@ class _Writer:
 
     def _efforts(self) -> dict[str, float]:
         """Effort limit of each joint with an actuator [N·m or N], 0 if it has none."""
-        model, efforts = self._model, {}
+        model, efforts, gains = self._model, {}, self._rotors.gains
         by_joint = (int(mujoco.mjtTrn.mjTRN_JOINT), int(mujoco.mjtTrn.mjTRN_JOINTINPARENT))
         for k in range(len(model.actuator_trntype)):
             if int(model.actuator_trntype[k]) not in by_joint:
+                what = model.actuator(k).name or f"{k}"
+                self._note("without the actuator, as it drives no joint (a tendon, a site)", what)
                 continue
             joint, gear = int(model.actuator_trnid[k][0]), abs(float(model.actuator_gear[k][0]))
             name, effort = self._joint_name(joint), 0.0
@@ -325,6 +328,12 @@ class _Writer:
                 gain = abs(float(model.actuator_gainprm[k][0]))
                 effort = gear * gain * float(np.abs(model.actuator_ctrlrange[k]).max())
             efforts[name] = efforts.get(name, 0.0) + effort
+            kp, (_, slope, drag) = (
+                float(model.actuator_gainprm[k][0]),
+                model.actuator_biasprm[k][:3],
+            )
+            if model.actuator_biastype[k] == AFFINE and kp > 0.0 and np.isclose(slope, -kp):
+                gains[name] = gear**2 * kp, gear**2 * max(0.0, -float(drag))
         for joint in np.flatnonzero(model.jnt_actfrclimited):
             efforts[self._joint_name(joint)] = float(np.abs(model.jnt_actfrcrange[joint]).max())
         return efforts
