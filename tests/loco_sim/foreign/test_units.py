@@ -106,3 +106,9 @@ def test_meshes_of_the_right_size_stay(tmp_path, scale):
 def test_nothing_is_told_of_robots_in_si_units(name):
     words = ("in mm", "masses in g", "inertias in")
     assert not [n for n in Tidied(DATA / f"{name}.urdf").notes if any(w in n for w in words)]
+
+
+@pytest.mark.parametrize("factor", [15.0, 40.0])
+def test_an_error_far_from_any_unit_accuses_none(tmp_path, factor):
+    """As of the arm HyA without meshes: 4 to 12 times m d²/4 is not a thousand."""
+    assert not [note for note in rods(tmp_path, inertia=factor).notes if "inertias in" in note]

@@ -25,7 +25,7 @@ BEYOND = 30.0  # ratio of the size of a mesh in mm to all other lengths
 MILLI = 1e-3
 SHARE = 0.15  # typical moment of inertia / (m d² / 4)
 IMPOSSIBLE = 3.0  # impossible value of the same ratio
-WRONG = 30.0  # value of the same ratio at which a single link is noted
+WRONG = 30.0  # value of the same ratio at which an inertia is noted: 1000 SHARE is g·m²
 DENSE = 3e4  # density of the bounding box of a link: heavier than lead [kg/m³]
 BULKY = 2e4  # mass / cube of the largest length, for a robot without shapes [kg/m³]
 FILLERS = 3  # links with equal, impossible moments: placeholders
@@ -176,7 +176,7 @@ def _inertias(sizes: list[Size], heavy: float, notes: Notes) -> None:
     if not ratio:
         return
     middle = float(np.median(list(ratio.values())))
-    if middle > IMPOSSIBLE:
+    if middle > WRONG:
         unit = min(UNITS, key=lambda times: abs(np.log10(middle / times / SHARE)))
         notes.add(
             f"inertias in {UNITS[unit]}? They are {middle:.2g} times m d²/4 of the links, of which "
