@@ -46,7 +46,8 @@ def _free(root: ET.Element, joint: ET.Element, notes: Notes) -> None:
     if link is not None and alone and mass_of(link) == 0.0:
         root.remove(link)
         root.remove(joint)
-        notes.add(f"without the {kind} joint {name!r} to {parent!r}, as any base floats")
+        why = "as a base that stands floats without it"
+        notes.add(f"without the {kind} joint {name!r} to {parent!r}, {why}")
         return
     joint.set("type", "fixed")
     notes.add(f"locked, as no drive moves a {kind} joint", name)
