@@ -138,7 +138,8 @@ class Machine:
         columns = [
             {"column": f"{what}_{j}", "role": role, "joint": j}
             for j in self.joints
-            for what, role in (("q", "q"), ("tau", "tau"), ("cmd", f"command_{kind}"))
+            for what, role in (("q", "q"), ("dq", "dq"), ("tau", "tau"), ("cmd", f"command_{kind}"))
+            if f"{what}_{j}" in records[0]
         ]
         mapping = {"files": "*.csv", "time": {"column": "t"}, "columns": columns}
         (folder / "mapping.yaml").write_text(yaml.safe_dump(mapping))

@@ -7,6 +7,8 @@ drive and the body. A delay common to all joints may be that of the clock.
 
 from __future__ import annotations
 
+from math import comb
+
 import numpy as np
 
 from .record import Record, bridged
@@ -16,6 +18,9 @@ FOLLOWS = 0.3  # correlation of a motion with its command below which it does no
 LAG_IS_TOLD = 0.9  # correlation below which no delay is reported
 SHARP = 0.98  # ratio of the correlation at zero shift to the best, above which none is reported
 SHARPER = 0.9999  # the same ratio for two measurements of one motion
+HELD = 5.0  # deviation over noise below which a motion tells nothing (taste)
+ORDER = 8  # of the differences that tell noise from a motion sampled ten times a period
+NORMAL = 0.6745  # median of the absolute value of a standard normal variable
 RATE_TIME = 0.01  # width of the difference quotient of a derivative [s]
 
 
@@ -91,6 +96,20 @@ def rates(x: np.ndarray, dt: float) -> np.ndarray:
     slope = np.full(len(x), np.nan)
     slope[offset:-offset] = (x[2 * offset :] - x[: -2 * offset]) / (2.0 * offset * dt)
     return slope
+
+
+def is_held(x: np.ndarray) -> bool:
+    """Whether values change by no more than `HELD` times their noise or half quantisation step.
+
+    The noise is that of differences of high order, which the motion hardly changes.
+    """
+    x = x[np.isfinite(x)]
+    if len(x) < 2 * ORDER or is_constant(x):
+        return True
+    steps = np.abs(np.diff(x))
+    size = float(np.median(np.abs(np.diff(x, ORDER)))) / (NORMAL * np.sqrt(comb(2 * ORDER, ORDER)))
+    noise = max(size, 0.5 * float(np.min(steps[steps > 0.0])))
+    return bool(np.std(x) < HELD * noise)
 
 
 def is_constant(x: np.ndarray) -> bool:

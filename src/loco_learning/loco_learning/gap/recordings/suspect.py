@@ -17,8 +17,8 @@ from loco_control.exceptions import ParameterError
 from loco_sim.robot.description import Description
 from loco_sim.robot.robot import Robot
 
-from ..setup.finding import MAPPING, OFFSET, SCALE, SIGN, UNIT, Change, Finding
-from .lags import is_constant
+from ..setup.finding import MAPPING, OFFSET, SCALE, SIGN, UNIT, Change, Finding, unit_of
+from .lags import is_constant, rates
 from .record import Record, spacing
 from .tracks import Track
 from .units import TURN, factor
@@ -102,9 +102,9 @@ def findings(record: Record, robot: Robot) -> Iterator[Finding]:
         turning = types.get(joint) != "prismatic"
         of_speed = list(_velocity(record, joint, turning, description))
         yield from of_speed
-        if turning and not any(change.role == "q" for one in of_speed for change in one.mends):
-            yield from _command(record, joint, description)
-            yield from _limits(record, joint, description)
+        if not any(change.role == "q" for one in of_speed for change in one.mends):
+            yield from _command(record, joint, description) if turning else ()
+            yield from _limits(record, joint, turning, description)
     yield from _torque(record, robot)
     yield from _unsigned(record)
     yield from _imu(record)
@@ -118,15 +118,28 @@ def _of(record: Record, signal: str, joint: str) -> np.ndarray | None:
 
 
 def _of_angles(record: Record, joint: str, says: str, key: str, value: Any) -> Finding:
-    """Finding that positions have a wrong unit, and their commands too if these are as large."""
+    """Finding that positions have a wrong unit, with all that has it as well.
+
+    Velocities have it if they are the derivative of the positions, and commands if they are as
+    large.
+    """
     q, command = _of(record, "q", joint), record.command.get("position")
-    roles = ["q"]
+    roles = ["q", *["dq"] * _same(*_speeds(record, joint))]
     if command is not None and joint in record.driven:
-        commanded = command[:, record.driven.index(joint)]
-        if np.nanstd(commanded) > np.nanstd(q) / RATIO_FAR:
+        k = record.driven.index(joint)
+        if np.nanstd(command[:, k]) > np.nanstd(q) / RATIO_FAR:
             roles.append("command_position")
-    return Finding("unit", (joint,), says, tuple(Change(MAPPING, key, value, role, joint)
-                                                 for role in roles))  # fmt: skip
+            velocity = record.command.get("velocity", np.zeros(command.shape))[:, k]
+            rate = rates(command[:, k], record.dt)
+            roles += ["command_velocity"] * _same(*slope(rate, velocity))
+    return Finding("unit", (joint,), says, tuple(
+        Change(MAPPING, key, unit_of(value, role) if key == UNIT else value, role, joint)
+        for role in roles))  # fmt: skip
+
+
+def _same(by: float, correlation: float) -> bool:
+    """Whether two signals are one in one unit, by their ratio and correlation."""
+    return correlation > 0.8 and bool(abs(np.log(by)) < RATIO_NEAR)
 
 
 def _of_unit(
@@ -251,23 +264,26 @@ def _beyond(values: np.ndarray, joint: str, description: Description) -> bool:
     return bool(np.nanmax(values) > high + margin or np.nanmin(values) < low - margin)
 
 
-def _limits(record: Record, joint: str, description: Description) -> Iterator[Finding]:
-    """Compare angles with the joint limits: all may be in degrees, or off by whole turns."""
+def _limits(
+    record: Record, joint: str, turning: bool, description: Description
+) -> Iterator[Finding]:
+    """Compare positions with the joint limits: in degrees or mm, or off by whole turns."""
     q = _of(record, "q", joint)
     low, high = description.limits(joint)
     if q is None or not np.isfinite(high - low) or not _beyond(q, joint, description):
         return
-    count = round(float(np.nanmedian(q)) / TURN)
+    count = round(float(np.nanmedian(q)) / TURN) if turning else 0
     if count and not _beyond(q - TURN * count, joint, description):
         offset = Change(MAPPING, OFFSET, -TURN * count, "q", joint)
         text = f"q of {joint} is {count} turns beyond its limits of {low:.3g} and {high:.3g}"
         yield Finding("turns", (joint,), text, (offset,))
         return
-    spans = f"q of {joint} goes from {np.nanmin(q):.3g} to {np.nanmax(q):.3g} rad, its limits " \
+    unit, standard = ("deg", "rad") if turning else ("mm", "m")
+    spans = f"q of {joint} goes from {np.nanmin(q):.3g} to {np.nanmax(q):.3g} {standard}, its limits " \
             f"are {low:.3g} and {high:.3g}"  # fmt: skip
-    if not _beyond(q / DEGREE, joint, description):
-        yield _of_angles(record, joint, f"{spans}: probably q is in deg", UNIT, "deg")
-    else:
+    if not _beyond(factor(unit) * q, joint, description):
+        yield _of_angles(record, joint, f"{spans}: probably q is in {unit}", UNIT, unit)
+    elif turning:
         yield _of_unit(f"{spans}: a wrong unit or scale", joint)
 
 

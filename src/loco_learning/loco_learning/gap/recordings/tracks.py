@@ -15,9 +15,9 @@ from loco_sim.robot.robot import Robot, joint_index
 from loco_sim.robot.servo import TorqueDrive
 
 from . import units
-from .units import periodic
 from .mapping import ROLES, UNUSED, Column, Mapping, Mend, Rule
 from .record import JOINT_SIGNALS, Doubt
+from .units import periodic
 
 JOINT, NAMED = "{joint}", ("column", "topic", "file")
 COUPLED = ("q", "command_position", "dq", "command_velocity")  # roles that followers have too
@@ -174,13 +174,15 @@ def locked(found: list[Track], held: dict[str, float], robot: Robot) -> list[Tra
 
 
 def mended(found: Sequence[Track], mends: Sequence[Mend]) -> list[Track]:
-    """Tracks after the corrections of a mapping, in their order.
+    """Tracks after the corrections of a mapping, in their order; consecutive `is` act at once.
 
     Raises:
         ParameterError: There is no signal that a correction names.
     """
     result, renamed = list(found), dict[int, str]()
     for mend in mends:
+        if not mend.other:
+            result, renamed = _renamed(result, renamed), {}
         rows = [i for i, k in enumerate(result) if k.role == mend.role
                 and mend.place in ("", k.place)]  # fmt: skip
         if not rows:
@@ -194,7 +196,12 @@ def mended(found: Sequence[Track], mends: Sequence[Mend]) -> list[Track]:
             result[i] = replace(result[i], x=mend.gain * x + mend.offset)
             if mend.other:
                 renamed[i] = mend.other
-    return [replace(k, place=renamed.get(i, k.place)) for i, k in enumerate(result)]
+    return _renamed(result, renamed)
+
+
+def _renamed(found: Sequence[Track], places: dict[int, str]) -> list[Track]:
+    """Tracks of which some, by their index, are of other joints."""
+    return [replace(k, place=places.get(i, k.place)) for i, k in enumerate(found)]
 
 
 def followed(found: Sequence[Track], robot: Robot, notes: list[str]) -> list[Track]:

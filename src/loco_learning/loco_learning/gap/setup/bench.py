@@ -21,7 +21,7 @@ from ..prediction.forward import Forward, ForwardParams
 from ..prediction.led import Led, possible
 from ..recordings import lags
 from ..recordings.record import Record, bridged
-from .finding import EFFECTS, MODEL, Change, Finding, mended
+from .finding import EFFECTS, MODEL, Change, Finding, composed, mended
 from .limits import LIMITS
 
 SECONDS, MOST = 5.0, 2  # simulated part of a record, and number of records (taste: 0.1 s each)
@@ -36,29 +36,42 @@ class Trial:
         joints: Joints of the columns.
         said: Simulated joint positions, or torques along the measured motion, per record.
         measured: Measured positions or torques, per record.
+        moving: Whether a motion tells anything, see `moving`, per record (n,); empty for always.
     """
 
     joints: tuple[str, ...]
     said: tuple[np.ndarray, ...]
     measured: tuple[np.ndarray, ...]
+    moving: tuple[np.ndarray, ...] = ()
+
+    def each(self) -> list[tuple[np.ndarray, np.ndarray, np.ndarray]]:
+        """Simulated, measured, and whether the motion of a joint tells anything, per record."""
+        moving = self.moving or [np.ones(len(self.joints), dtype=bool)] * len(self.said)
+        return list(zip(self.said, self.measured, moving, strict=True))
 
     def misses(self) -> np.ndarray:
-        """Rms error of each joint over the deviation of its signal, (n,), up to `WORST`."""
+        """Rms error of each joint over the deviation of its signal, (n,), up to `WORST`.
+
+        It is 0 for a joint that is held.
+        """
         square, size = np.zeros(len(self.joints)), np.zeros(len(self.joints))
-        for said, measured in zip(self.said, self.measured, strict=True):
-            known = np.isfinite(measured)
+        for said, measured, moving in self.each():
+            known = np.isfinite(measured) & moving
             off = np.where(known, np.where(np.isfinite(said), said - measured, np.inf), 0.0)
-            mean = np.nanmean(np.where(known.any(axis=0), measured, 0.0), axis=0)
-            spread = np.nanmean(np.where(known, (measured - mean) ** 2, np.nan), axis=0)
-            usual = np.maximum(np.nan_to_num(spread), 1e-12)
+            count = np.maximum(known.sum(axis=0), 1)
+            mean = np.where(known, measured, 0.0).sum(axis=0) / count
+            spread = np.where(known, (measured - mean) ** 2, 0.0).sum(axis=0) / count
+            usual = np.maximum(spread, 1e-12)
             square += np.minimum(np.sum(off**2, axis=0) / usual, WORST**2 * len(off))
             size += known.sum(axis=0)
         return np.minimum(np.sqrt(square / np.maximum(size, 1.0)), WORST)
 
     def miss(self, joints: Sequence[str] = ()) -> float:
-        """Rms of `misses` over some joints, or over all if none is named."""
-        mine = [i for i, joint in enumerate(self.joints) if not joints or joint in joints]
-        return float(np.sqrt(np.mean(self.misses()[mine] ** 2)))
+        """Rms of `misses` over some joints, or over all if none is named, without held ones."""
+        moving = np.any([each for _, _, each in self.each()], axis=0)
+        mine = [i for i, joint in enumerate(self.joints)
+                if moving[i] and (not joints or joint in joints)]  # fmt: skip
+        return float(np.sqrt(np.mean(self.misses()[mine] ** 2))) if mine else 0.0
 
 
 class Bench:
@@ -93,14 +106,15 @@ class Bench:
     def mended(self, changes: Iterable[Change]) -> Bench:
         """Copy with more changes of the set-up; itself if there are none."""
         changes = tuple(changes)
-        return Bench(self.model, self._all, (*self._changes, *changes)) if changes else self
+        total = composed([*self._changes, *changes])
+        return Bench(self.model, self._all, total) if changes else self
 
     def __call__(self, *changes: Change) -> Trial | None:
         """Simulation with changes; None if the model cannot be simulated with them."""
         key = repr(changes)
         if key not in self._trials:
             try:
-                self._trials[key] = self._run((*self._changes, *changes))
+                self._trials[key] = self._run(composed([*self._changes, *changes]))
             except (LocoError, ValueError, np.linalg.LinAlgError):
                 self._trials[key] = None
         return self._trials[key]
@@ -126,7 +140,7 @@ class Bench:
 
     def told(self) -> Trial:
         """Commanded positions in place of a simulation."""
-        return _commanded(self.told_records())
+        return commanded(self.told_records())
 
     def torques(self) -> Trial | None:
         """Simulation compared in measured joint torques; None if they were not measured.
@@ -189,17 +203,35 @@ class Bench:
     def _run(self, changes: Sequence[Change]) -> Trial:
         records = [mended(record, changes) for record in self.records]
         if self.free:
-            return _commanded(records)
+            return commanded(records)
         model = model_with(self.model, changes)
         forward = Forward(model, records, ForwardParams(signals=("q",)))
         self.led = possible(forward) and not forward.robot().springs  # springs restore joints
         if self.led:
             forward = Led(model, records)
         names = tuple(channel.name for channel in forward.channels)
-        return Trial(names, tuple(forward()), tuple(forward.measured))
+        moves = tuple(moving(record, names) for record in records)
+        return Trial(names, tuple(forward()), tuple(forward.measured), moves)
 
 
-def _commanded(records: Sequence[Record]) -> Trial:
+def moving(record: Record, joints: Sequence[str]) -> np.ndarray:
+    """Whether the motion of each joint tells anything of its columns, (n,).
+
+    It tells nothing of a joint that is held, so that only noise, friction and coupling move it.
+    """
+    command = record.command.get("position")
+    moves = np.zeros(len(joints), dtype=bool)
+    for i, joint in enumerate(joints):
+        if joint not in record.joints or lags.is_held(
+            record.signals["q"][:, record.joints.index(joint)]
+        ):
+            continue
+        driven = command is not None and joint in record.driven
+        moves[i] = not driven or not lags.is_constant(command[:, record.driven.index(joint)])
+    return moves
+
+
+def commanded(records: Sequence[Record]) -> Trial:
     """Commanded positions, delayed as the motion is, in place of a simulation."""
     told = [r for r in records if "position" in r.command]
     joints = tuple(j for j in told[0].driven if j in told[0].joints) if told else ()
@@ -211,7 +243,7 @@ def _commanded(records: Sequence[Record]) -> Trial:
         shift = max(0, round(float(np.median(late)) / record.dt))
         said.append(np.concatenate([np.repeat(command[:1], shift, axis=0), command])[: len(q)])
         measured.append(q)
-    return Trial(joints, tuple(said), tuple(measured))
+    return Trial(joints, tuple(said), tuple(measured), tuple(moving(r, joints) for r in told))
 
 
 def model_with(model: Model, changes: Sequence[Change]) -> Model:

@@ -14,8 +14,8 @@ from loco_sim.robot.clearance import SLIDES
 from loco_sim.robot.description import Description
 from loco_sim.robot.servo import ImpedanceDrive
 
-from ..recordings import suspect
-from . import signals
+from ..recordings import suspect, units
+from . import commands, signals
 from .bench import Bench
 from .commands import lines, moved
 from .finding import EFFECTS, MAPPING, MODEL, OFFSET, SCALE, SIGN, UNIT, Change, Finding
@@ -88,8 +88,12 @@ def axis(bench: Bench) -> list[Finding]:
 
 
 def joint_scale(bench: Bench) -> list[Finding]:
-    """Findings of joints whose positions and commands have the same wrong scale."""
-    found = []
+    """Findings of joints whose positions and commands have the same wrong scale.
+
+    All that turn may be in degrees, and all slides in mm. A scale is found only if a larger and a
+    smaller one explain less: a motion that must vanish has another cause.
+    """
+    found = [] if bench.led else _in_units(bench)
     misses = dict(zip(bench().joints, bench().misses(), strict=True))
     for joint in sorted(misses, key=misses.get, reverse=True)[: LIMITS.worst]:
         if misses[joint] < LIMITS.missed or bench.led:
@@ -101,14 +105,36 @@ def joint_scale(bench: Bench) -> list[Finding]:
         by = float(np.exp(lowest(lambda x: bench.miss(*way(x)), np.log(LIMITS.scales))))
         if 1.0 / LIMITS.both < by < LIMITS.both:
             continue
-        names = (name for size, name in ((suspect.DEGREE, "deg"), (1e3, "mrad"))
-                 if abs(np.log(by / size)) < LIMITS.near)  # fmt: skip
-        unit = next(names, "")
+        if not determined(bench, (joint,), by):
+            continue
+        unit = commands.named(bench, joint, by)
         ways = [lines(bench, joint, UNIT, unit, "") if unit else way(float(np.log(by)))]
         says = f"q and command of {joint} are " + (f"in {unit}" if unit else (
             f"{by:.3g} times those of the joint: a scale, or a reduction of the gear"))  # fmt: skip
         found += bench.settled("joint scale", (joint,), says, ways, whole=True)
     return found
+
+
+def _in_units(bench: Bench) -> list[Finding]:
+    """Finding of several joints whose positions and commands are in degrees or mm."""
+    types, findings = Description(bench.robot.urdf).joint_types(), list[Finding]()
+    slides = tuple(joint for joint in bench().joints if types[joint] == SLIDES)
+    turning = tuple(joint for joint in bench().joints if joint not in slides)
+    for joints, unit in ((slides, "mm"), (turning, "deg")):
+        if len(joints) > 1 and determined(bench, joints, 1.0 / units.factor(unit)):
+            changes = [tuple(c for j in joints for c in lines(bench, j, UNIT, unit, ""))]
+            text = f"q and command of {', '.join(joints)} are in {unit}"
+            findings += bench.settled("joint scale", joints, text, changes, whole=True)
+    return findings
+
+
+def determined(bench: Bench, joints: Sequence[str], by: float) -> bool:
+    """Whether larger and smaller scales of joints than `by` explain less."""
+    misses = [
+        bench.miss(*(c for j in joints for c in lines(bench, j, SCALE, 1.0 / (by * f), "")))
+        for f in (1.0, *LIMITS.about)
+    ]
+    return min(misses[1:]) > LIMITS.alike * misses[0] + 1e-3
 
 
 def gravity(bench: Bench) -> list[Finding]:

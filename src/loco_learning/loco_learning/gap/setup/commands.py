@@ -7,13 +7,15 @@ import itertools
 
 import numpy as np
 
-from ..recordings import suspect
+from loco_sim.robot.clearance import SLIDES
+from loco_sim.robot.description import Description
+
+from ..recordings import suspect, units
 from .bench import Bench, Trial
-from .finding import JOINT, MAPPING, SCALE, SIGN, Change, Finding, roles_of
+from .finding import JOINT, MAPPING, SCALE, SIGN, UNIT, Change, Finding, roles_of, unit_of
 from .limits import LIMITS
 
 MEASURED = ("q", "tau", "command")  # columns with a mistake in common, see `lines`
-UNIT_NAMES = {suspect.DEGREE: "deg", 1e3: "mrad or mm", 1.0 / (2.0 * np.pi): "rev"}
 
 
 def sign(bench: Bench) -> list[Finding]:
@@ -56,13 +58,13 @@ def scale(bench: Bench) -> list[Finding]:
                            key=lambda pair: pair[1])  # fmt: skip
         if alike < LIMITS.follows or 1.0 / LIMITS.scale < ratio < LIMITS.scale:
             continue
-        known = [u for size, u in UNIT_NAMES.items() for f in (size, 1.0 / size)
-                 if abs(np.log(ratio / f)) < LIMITS.near]  # fmt: skip
-        what = f"one of them in {known[0]}" if known else "a scale, or a reduction of the gear"
+        known = {of: named(bench, joint, by) for of, by in (("q", ratio), ("command", 1.0 / ratio))}
+        unit = "".join(known.values())
+        what = f"one of them in {unit}" if unit else "a scale, or a reduction of the gear"
         says = (f"q of {joint} moves {ratio:.3g} times as far as its command asks for "
                 f"(correlation {alike:.3f}): {what}")  # fmt: skip
-        ways = [lines(bench, joint, SCALE, 1.0 / ratio, "q"),
-                lines(bench, joint, SCALE, ratio, "command")]  # fmt: skip
+        ways = [lines(bench, joint, *((UNIT, known[of]) if known[of] else (SCALE, by)), of)
+                for of, by in (("q", 1.0 / ratio), ("command", ratio))]  # fmt: skip
         found += bench.settled("scale", (joint,), says, ways)
     return found
 
@@ -75,7 +77,17 @@ def lines(bench: Bench, joint: str, key: str, value: float, of: str) -> tuple[Ch
     roles = dict.fromkeys(role for r in bench.records for role in roles_of(r, joint))
     mine = [r for r in roles if not of or r.startswith("command_") is (of == "command")]
     no = () if key == SIGN and of != "q" else ("tau",) if key == SIGN else ("tau", "command_torque")
-    return tuple(Change(MAPPING, key, value, role, joint) for role in mine if role not in no)
+    value_of = unit_of if key == UNIT else lambda value, role: value
+    return tuple(
+        Change(MAPPING, key, value_of(value, role), role, joint) for role in mine if role not in no
+    )
+
+
+def named(bench: Bench, joint: str, by: float) -> str:
+    """Unit of angles or lengths that are so many times those in rad or m; empty if none is near."""
+    slides = Description(bench.robot.urdf).joint_types()[joint] == SLIDES
+    legal = ("mm",) if slides else ("deg", "mrad", "rev")
+    return next((u for u in legal if abs(np.log(by * units.factor(u))) < LIMITS.near), "")
 
 
 def swapped(bench: Bench, a: str, b: str, of: str) -> tuple[Change, ...]:
@@ -99,10 +111,11 @@ def _alike(bench: Bench) -> list[np.ndarray]:
 def correlations(trial: Trial) -> np.ndarray:
     """Correlation of each simulated joint (row) with each measured one (column), (n, n).
 
-    Mean over the records; 0 if one of the two hardly changes.
+    Mean over the records in which both joints move; 0 if there is none.
     """
     total, n = np.zeros((len(trial.joints),) * 2), len(trial.joints)
-    for said, measured in zip(trial.said, trial.measured, strict=True):
+    count = np.zeros_like(total)
+    for said, measured, moving in trial.each():
         known = np.isfinite(said).all(axis=1) & np.isfinite(measured).all(axis=1)
         if known.sum() < LIMITS.samples:
             continue
@@ -110,13 +123,16 @@ def correlations(trial: Trial) -> np.ndarray:
         both = both - both.mean(axis=0)
         size = np.sqrt(np.sum(both**2, axis=0))
         usual = both / np.where(size > 1e-9, size, np.inf)
-        total += (usual.T @ usual)[:n, n:] / len(trial.said)
-    return total
+        both_move = np.outer(moving, moving)
+        total += np.where(both_move, (usual.T @ usual)[:n, n:], 0.0)
+        count += both_move
+    return total / np.maximum(count, 1)
 
 
 def moved(trial: Trial, joint: str) -> tuple[float, float]:
-    """Ratio of measured to simulated standard deviation of a joint, and their correlation."""
+    """Ratio of measured to simulated deviation of a joint, and their correlation; 0 if held."""
     if joint not in trial.joints:
         return 1.0, 0.0
     i = trial.joints.index(joint)
-    return suspect.slope(np.concatenate(trial.said)[:, i], np.concatenate(trial.measured)[:, i])
+    rows = [(said[:, i], measured[:, i]) for said, measured, moves in trial.each() if moves[i]]
+    return suspect.slope(*map(np.concatenate, zip(*rows, strict=True))) if rows else (1.0, 0.0)

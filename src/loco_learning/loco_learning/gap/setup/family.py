@@ -16,9 +16,9 @@ from loco_sim.robot.description import Description
 from ..recordings import suspect
 from ..recordings.lags import rates
 from ..recordings.record import Record
-from . import bodies, commands, mend, signals, torques
+from . import bodies, commands, mend, parts, signals, torques
 from .bench import Bench, robot_of
-from .finding import Finding
+from .finding import Change, Finding
 from .limits import LIMITS
 
 TESTS = (
@@ -29,6 +29,7 @@ OF_TORQUES = (
     torques.exchanged, torques.reversed_torques, torques.effort, torques.inclined,
 )  # fmt: skip
 OF_RANGE = ("unit", "turns")  # faults that a range of angles may tell by mistake
+OF_MOTION = {"q", "dq", "command_position", "command_velocity"}
 RUNS = (bodies.axis, bodies.joint_scale, bodies.gravity, bodies.weights, bodies.gains)
 
 
@@ -39,19 +40,25 @@ def look(model: Model, records: Sequence[Record]) -> list[Finding]:
         model: Robot, overrides and effects.
         records: Recordings.
     """
+    local = [finding for r in records for finding in parts.changed(r, robot_of(model, r))]
+    records = [r for r in records if not any(f.says.startswith(f"{r.name}: ") for f in local)]
     found = of_signals(model, records)
     large = [f for f in found if f.fault == "effort" and not f.mends]  # told last
     found = [f for f in found if f not in large]
-    bench = Bench(model, records, tuple(mend.changes_of(found)))
+    if len(records) > 1 and all(finding.mends for finding in found):
+        single, records = parts.alone(model, records, mend.changes_of(found))
+        local += single
+    bench = Bench(model, records, mend.changes_of(found))
     if not bench.possible or not all(finding.mends for finding in found):
-        return found + large  # no simulation is possible, or it would be of a wrong set-up
+        return local + found + large  # no simulation is possible, or it would be of a wrong set-up
     rounds = 0 if bench.free else LIMITS.rounds
     for test in (*TESTS, *(best,) * rounds, *OF_TORQUES):
         new = test(bench) if all(finding.mends for finding in found) else []
-        found += new
-        bench = bench.mended(mend.changes_of(new))
+        bench = bench.mended(change for finding in new for change in finding.mends)
+        for finding in new:
+            found = mend.joined(found, finding)
     units = {f.joints for f in found if f.fault == "effort"}
-    return found + [f for f in large if f.joints not in units]
+    return local + found + [f for f in large if f.joints not in units]
 
 
 def _refuted(finding: Finding, bench_of: Callable[[], Bench], record: Record) -> bool:
@@ -61,7 +68,7 @@ def _refuted(finding: Finding, bench_of: Callable[[], Bench], record: Record) ->
     without measured velocity is within the velocity limits of the URDF.
     """
     roles, joints = {change.role for change in finding.mends}, finding.joints
-    if finding.fault not in OF_RANGE or roles - {"q", "command_position"}:
+    if finding.fault not in OF_RANGE or roles - OF_MOTION:
         return False
     bench = bench_of()
     if bench.free or not bench.possible:
@@ -111,12 +118,17 @@ def of_signals(model: Model, records: Sequence[Record]) -> list[Finding]:
         for finding in itertools.chain(*others, of_units):
             if _refuted(finding, bench_of, record):
                 continue
-            key = finding.joints, finding.mends or finding.says
+            wraps = finding.fault == "wrap"  # the period is estimated in each record
+            key = finding.joints, "wrap" if wraps else finding.mends or finding.says
             found.setdefault(key, {})[record.name] = finding
-    some = []
+    findings, lines = [], set[Change]()
     for rows in found.values():
         names, finding = list(rows), next(iter(rows.values()))
         says = f"{', '.join(names)}: {finding.says}"
-        every = len(names) == len(records) or finding.fault == "wrap"  # harmless for others
-        some.append(finding if every else replace(finding, says=says, mends=()))
-    return some
+        if len(names) < len(records) and finding.fault != "wrap":  # which is harmless for others
+            findings.append(replace(finding, says=says, mends=()))
+            continue
+        new = tuple(c for c in finding.mends if c not in lines)  # two signals may tell the same
+        lines.update(new)
+        findings += [replace(finding, mends=new)] if new or not finding.mends else []
+    return findings

@@ -3,7 +3,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import itertools
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -14,6 +15,7 @@ from ..recordings import units
 from ..recordings.record import JOINT_SIGNALS, Record
 
 MAPPING, MODEL, ROBOT = "mapping.yaml", "model.yaml", "robot.yaml"
+CANCELS = 0.02  # distance of a scale to 1 that an estimate of it has (taste)
 EFFECTS = "effects"  # key of a model.yaml whose value is a list of effects
 JOINT, SIGN, SCALE, UNIT, OFFSET, WRAP = "joint", "sign", "scale", "unit", "offset", "wrap"
 
@@ -50,6 +52,12 @@ class Change:
         if self.key == UNIT:
             return units.factor(self.value)
         return float(self.value) if self.key in (SIGN, SCALE) else 1.0
+
+
+def unit_of(unit: str, role: str) -> str:
+    """Unit of a role whose angles or lengths are in a unit: that of their rate for velocities."""
+    rate = role in ("dq", "command_velocity") and units.dimension(unit) in ("angle", "length")
+    return f"{unit}/s" if rate else unit
 
 
 @dataclass(frozen=True)
@@ -108,8 +116,34 @@ def roles_of(record: Record, joint: str) -> tuple[str, ...]:
     return (*roles, *(f"command_{kind}" for kind in kinds))
 
 
+def composed(changes: Iterable[Change]) -> list[Change]:
+    """Changes with signs and scales of a column multiplied, and left out if they cancel."""
+    out = list[Change]()
+    for c in changes:
+        out = _with(out, c)
+    return out
+
+
+def _with(changes: list[Change], new: Change) -> list[Change]:
+    """Changes with one more, which may be a factor of one that is there."""
+    for k, old in reversed(list(enumerate(changes))):
+        if (old.file, old.role) != (new.file, new.role):
+            continue
+        if new.file == MODEL and old.key == new.key != EFFECTS:
+            return [*changes[:k], *changes[k + 1 :], new]
+        if old.key == JOINT or old.joint == new.joint and old.key in (OFFSET, WRAP):
+            break  # a factor does not commute with it
+        if old.joint == new.joint and old.key == new.key and new.key in (SIGN, SCALE):
+            by = type(new.value)(old.value * new.value)
+            same = [replace(old, value=by)] * (abs(by - 1.0) > CANCELS)
+            return [*changes[:k], *same, *changes[k + 1 :]]
+    return [*changes, new]
+
+
 def mended(record: Record, changes: Sequence[Change]) -> Record:
-    """A record as imported with changes of its mapping.
+    """A record as imported with changes of its mapping, in their order.
+
+    Consecutive changes of joints are made at once.
 
     Args:
         record: The record as imported.
@@ -118,31 +152,38 @@ def mended(record: Record, changes: Sequence[Change]) -> Record:
     signals = {key: values.copy() for key, values in record.signals.items()}
     command = {key: values.copy() for key, values in record.command.items()}
     resolution = dict(record.resolution)
-    moved = [c for c in changes if c.key == JOINT]
+    out = replace(record, signals=signals, command=command, resolution=resolution)
+    for exchange, some in itertools.groupby(changes, lambda c: c.key == JOINT):
+        (_exchange if exchange else _correct)(out, list(some))
+    return out
+
+
+def _correct(record: Record, changes: Sequence[Change]) -> None:
+    """Multiply, shift and unwrap columns of a record in place."""
     for c in changes:
-        if c.file != MAPPING or c.key == JOINT:
-            continue
-        values, names = _columns(record, signals, command, c.role)
+        values, names = _columns(record, c.role) if c.file == MAPPING else (None, ())
         if values is not None and c.joint in names:
             k = names.index(c.joint)
             if c.key == WRAP:
                 values[:, k] = units.periodic(values[:, k], c.value)
             values[:, k] *= c.factor
             values[:, k] += c.value if c.key == OFFSET else 0.0
-            if (c.role, c.joint) in resolution:
-                resolution[c.role, c.joint] *= abs(c.factor)
-    old = {id(v): v.copy() for v in (*signals.values(), *command.values())}
-    for c in moved:
-        values, names = _columns(record, signals, command, c.role)
+            if (c.role, c.joint) in record.resolution:
+                record.resolution[c.role, c.joint] *= abs(c.factor)
+
+
+def _exchange(record: Record, changes: Sequence[Change]) -> None:
+    """Give columns of a record to other joints in place, all at once."""
+    old = {role: _columns(record, role)[0] for role in {c.role for c in changes}}
+    old = {role: values.copy() for role, values in old.items() if values is not None}
+    for c in changes:
+        values, names = _columns(record, c.role)
         if values is not None and {c.joint, c.value} <= set(names):
-            values[:, names.index(c.value)] = old[id(values)][:, names.index(c.joint)]
-    return replace(record, signals=signals, command=command, resolution=resolution)
+            values[:, names.index(c.value)] = old[c.role][:, names.index(c.joint)]
 
 
-def _columns(
-    record: Record, signals: Mapping, command: Mapping, role: str
-) -> tuple[np.ndarray | None, tuple[str, ...]]:
+def _columns(record: Record, role: str) -> tuple[np.ndarray | None, tuple[str, ...]]:
     """Array of a role, None if absent, and the joints of its columns."""
     if role.startswith("command_"):
-        return command.get(role.removeprefix("command_")), record.driven
-    return signals.get(role), record.joints
+        return record.command.get(role.removeprefix("command_")), record.driven
+    return record.signals.get(role), record.joints

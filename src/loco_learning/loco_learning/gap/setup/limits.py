@@ -27,6 +27,7 @@ class Limits:
         worst: Largest number of joints whose scale is tested.
         both: Ratio above which the common scale of positions and commands is wrong.
         scales: Ratios of the initial grid search.
+        about: Factors on a scale at which it must explain less.
         sections: Steps of the golden-section search about the best of them.
         tilted: Angle above which a motion tells that a base is mounted wrongly [rad]; torques tell
             it from the priors of a slope on (`EFFECTS`), and `doubt`.
@@ -39,7 +40,12 @@ class Limits:
         turning: Gyro rate above which a fixed base moves [rad/s].
         resting: Gyro rate below which a free base rests [rad/s].
         moving: Velocity of a joint that would rotate a free base [rad/s].
+        share: Deviation of a command in a part of a recording over that of all, from which on it
+            moves there; and ratio of a motion to its command from which on it follows.
+        apart_by: Ratio of scales of two parts of a recording that have different units.
+        leap: Step of a position over the usual largest that moves its zero.
         early: Lead of a motion over its command that is impossible [samples].
+        common: Largest distance of the delays of two commands that are late by one time, over it.
         same: Distance of q from its command over that of the model, below which both are the same.
         exact: Correlation of efforts and drive torques that differ by a factor alone.
         effort: Ratio above which an effort is in another unit.
@@ -66,6 +72,7 @@ class Limits:
         *(0.01, 0.03, 0.1, 0.16, 0.25, 0.4, 0.65, 1.0),
         *(1.55, 2.5, 4.0, 6.3, 10.0, 20.0, 57.3, 130.0, 400.0, 1000.0),
     )
+    about: tuple[float, float] = (0.4, 2.5)
     sections: int = 10
     tilted: float = 0.35
     finer: float = 0.03
@@ -76,7 +83,11 @@ class Limits:
     turning: float = 0.2
     resting: float = 0.01
     moving: float = 0.5
+    share: float = 0.2
+    apart_by: float = 3.0
+    leap: float = 3.0
     early: float = 0.5
+    common: float = 0.25
     same: float = 0.05
     exact: float = 0.99
     effort: float = 1.12

@@ -11,12 +11,31 @@ from loco_sim.plant.model import Model
 
 from ..recordings.record import Doubt, Record
 from .bench import model_with
-from .finding import JOINT, MAPPING, MODEL, Change, Finding, mended
+from .finding import JOINT, MAPPING, MODEL, SCALE, SIGN, Change, Finding, composed, mended
 
 
 def changes_of(findings: Sequence[Finding]) -> list[Change]:
-    """Lines that correct the findings, in order; a line that two findings share stands once."""
-    return list(dict.fromkeys(change for finding in findings for change in finding.mends))
+    """Lines that correct the findings together, see `composed`."""
+    return composed([change for finding in findings for change in finding.mends])
+
+
+def joined(found: Sequence[Finding], new: Finding) -> list[Finding]:
+    """Findings with a later one; it and an earlier one that it revokes in part become one.
+
+    The earlier one was told by two signals that contradict each other, the later one says which is
+    wrong.
+    """
+    keys = {(c.file, c.key, c.role, c.joint) for c in new.mends if c.key in (SIGN, SCALE)}
+    old = [f for f in found if f.stops is new.stops
+           and keys & {(c.file, c.key, c.role, c.joint) for c in f.mends}]  # fmt: skip
+    if not old:
+        return [*found, new]
+    before = [change for finding in old for change in finding.mends]
+    text = "; ".join([new.says, *(finding.says for finding in old)])
+    options = dict.fromkeys(tuple(composed([*before, *way])) for way in (new.mends, *new.others))
+    mends, *others = options
+    one = replace(new, says=text, mends=mends, others=tuple(others))
+    return [*(f for f in found if f not in old), one]
 
 
 def mapping_with(values: Mapping[str, Any], changes: Sequence[Change]) -> dict[str, Any]:

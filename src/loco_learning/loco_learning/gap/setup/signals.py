@@ -18,32 +18,47 @@ from .finding import MAPPING, MODEL, OFFSET, WRAP, Change, Finding
 from .limits import LIMITS
 
 TURN = 2.0 * np.pi
+MEASURED = (
+    ": the command was measured, or its clock is late; name the column of what the drive was told"
+)
 BLOCKS = 8  # parts of a recording that are left out in turn for the error of a fit (jackknife)
 
 
 def wraps(record: Record, robot: Robot) -> Iterator[Finding]:
-    """Joints whose positions repeatedly jump by one period, faster than they can move."""
-    text = Description(robot.urdf)
+    """Joints whose positions, or commands as well, repeatedly jump by one period."""
+    text, command = Description(robot.urdf), record.command.get("position")
     for i, joint in enumerate(record.joints):
-        step = np.diff(bridged(record.signals["q"][:, i]))
-        usual = float(np.percentile(np.abs(step), 90.0))
         fastest = text.velocity(joint) or LIMITS.fastest
-        least = max(20.0 * usual, 3.0 * fastest * record.dt, 1e-9)
-        rows = np.flatnonzero(np.abs(step) > least)
-        rows = rows[np.diff(rows, prepend=-2) > 1]  # a jump between samples counts once
-        if len(rows) < LIMITS.jumps:
+        period, rows = _period(bridged(record.signals["q"][:, i]), fastest * record.dt)
+        if not len(rows):
             continue
-        sizes = np.abs([step[r : r + 2].sum() - 2.0 * np.median(step[max(r - 5, 0) : r + 7])
-                        for r in rows])  # fmt: skip
-        period = float(np.median(sizes))
-        if np.max(np.abs(sizes - period)) > 0.05 * period:
-            continue
-        parts = TURN / period
-        if abs(parts - round(parts)) < 0.03 * parts:
-            period = TURN / round(parts)
+        roles = ["q"]
+        if command is not None and joint in record.driven:
+            commanded = command[:, record.driven.index(joint)]
+            other, _ = _period(commanded, fastest * record.dt)
+            roles += ["command_position"] * (abs(other - period) < 0.05 * period)
+        what = "q and command" if len(roles) > 1 else "q"
         says = (f"q of {joint} jumps by {period:.4g} {len(rows)} times, the first at "
-                f"{record.t[rows[0]]:.2f} s: it wraps")  # fmt: skip
-        yield Finding("wrap", (joint,), says, (Change(MAPPING, WRAP, period, "q", joint),))
+                f"{record.t[rows[0]]:.2f} s: {what} wrap" + "s" * (len(roles) == 1))  # fmt: skip
+        mends = tuple(Change(MAPPING, WRAP, period, role, joint) for role in roles)
+        yield Finding("wrap", (joint,), says, mends)
+
+
+def _period(x: np.ndarray, farthest: float) -> tuple[float, np.ndarray]:
+    """Size of repeated equal jumps that are faster than a motion, and their rows; 0 if none are."""
+    step = np.diff(x)
+    usual = float(np.percentile(np.abs(step), 90.0))
+    rows = np.flatnonzero(np.abs(step) > max(20.0 * usual, 3.0 * farthest, 1e-9))
+    rows = rows[np.diff(rows, prepend=-2) > 1]  # a jump between samples counts once
+    if len(rows) < LIMITS.jumps:
+        return 0.0, rows[:0]
+    sizes = np.abs([step[r : r + 2].sum() - 2.0 * np.median(step[max(r - 5, 0) : r + 7])
+                    for r in rows])  # fmt: skip
+    period = float(np.median(sizes))
+    if np.max(np.abs(sizes - period)) > 0.05 * period:
+        return 0.0, rows[:0]
+    parts = TURN / period
+    return (TURN / round(parts) if abs(parts - round(parts)) < 0.03 * parts else period), rows
 
 
 def base(record: Record, robot: Robot) -> Iterator[Finding]:
@@ -81,21 +96,33 @@ def turns(bench: Bench) -> list[Finding]:
 
 
 def ahead(bench: Bench) -> list[Finding]:
-    """Findings of joints whose motion precedes their command: the command was measured as well."""
-    found: list[Finding] = []
+    """Findings of joints whose motion precedes their command: the command was measured as well.
+
+    A command that is late by one time at several joints is one finding, of all joints that it
+    explains.
+    """
+    findings, leads, behind = list[Finding](), dict[str, float](), dict[str, float]()
     for joint in bench().joints if not (bench.led or bench.free) else ():
-        early, due, near, usual = _following(bench, joint)
-        late = early < -LIMITS.early * bench.records[0].dt <= due
-        same = near < LIMITS.same * usual and early <= 0.0
-        if not late and not same:
-            continue
-        says = (f"the motion of {joint} is {-1e3 * early:.3g} ms ahead of its command" if late else
-                f"q of {joint} follows its command to {near:.2%}, where the drive would leave "
-                f"{usual:.1%}")  # fmt: skip
-        says += ": the command was measured, or its clock is late; name the column of what the " \
-                "drive was told"  # fmt: skip
-        found.append(Finding("ahead", (joint,), says))
-    return found
+        lead, due, error, expected = _following(bench, joint)
+        behind[joint] = due - lead
+        if lead < -LIMITS.early * bench.records[0].dt <= due:
+            leads[joint] = lead
+        elif error < LIMITS.same * expected and lead <= 0.0:
+            text = (f"q of {joint} follows its command to {error:.2%}, where the drive would leave "
+                    f"{expected:.1%}{MEASURED}")  # fmt: skip
+            findings.append(Finding("ahead", (joint,), text))
+            del behind[joint]
+    time = float(np.median([behind[joint] for joint in leads])) if leads else 0.0
+    slack = max(LIMITS.common * time, bench.records[0].dt)
+    common = [joint for joint, by in behind.items() if abs(by - time) < slack]
+    if leads and len(common) > 1 and set(leads) <= set(common):
+        text = (f"the commands of {', '.join(common)} are late by {1e3 * time:.3g} ms, and the "
+                f"motion of {', '.join(leads)} is ahead of them{MEASURED}")  # fmt: skip
+        return [*findings, Finding("ahead", tuple(common), text)]
+    for joint, lead in leads.items():
+        text = f"the motion of {joint} is {-1e3 * lead:.3g} ms ahead of its command{MEASURED}"
+        findings.append(Finding("ahead", (joint,), text))
+    return findings
 
 
 def _following(bench: Bench, joint: str) -> tuple[float, float, float, float]:

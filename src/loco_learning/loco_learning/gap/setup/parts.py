@@ -1,0 +1,155 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Mistakes of one recording of several, or of a part of one, which no line of a mapping mends."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+
+from loco_sim.plant.model import Model
+from loco_sim.robot.robot import Robot
+
+from ..recordings import lags
+from ..recordings.record import Record, bridged
+from . import commands, signals
+from .bench import Bench, Trial, commanded
+from .finding import Change, Finding, mended
+from .limits import LIMITS
+
+TESTS = (signals.turns, commands.exchanged, commands.sign, commands.scale)
+
+
+def changed(record: Record, robot: Robot) -> Iterator[Finding]:
+    """Joints whose positions have another sign, scale or zero, or none, from some row on.
+
+    The positions are explained by the command and its rate, before and after each row. The row is
+    that which leaves the least.
+    """
+    command = record.command.get("position")
+    wrapped = {joint for finding in signals.wraps(record, robot) for joint in finding.joints}
+    for i, joint in enumerate(record.driven if command is not None else ()):
+        if joint not in record.joints or joint in wrapped:
+            continue
+        c, q = command[:, i], bridged(record.signals["q"][:, record.joints.index(joint)])
+        rest = _stuck(c, q)
+        if rest is not None:
+            since = f"{record.name}: from {record.t[rest]:.2f} s (row {rest}) on, q of {joint}"
+            text = f"{since} stands still while its command moves: leave this part out"
+            yield Finding("part", (joint,), text)
+            continue
+        row, left, (before, after) = _split(c, q, record.dt)
+        if not row or left > 1.0 / LIMITS.better**2:
+            continue
+        if min(np.std(c[:row]), np.std(c[row:])) < LIMITS.share * np.std(c):
+            continue
+        by = after[0] / before[0] if before[0] else 1.0
+        jump = float(np.array([c[row], 0.0, 1.0]) @ (after - before))
+        steps = np.abs(np.diff(q))
+        leap = float(np.max(steps[max(row - 2, 0) : row + 2]))
+        if min(abs(before[0]), abs(after[0])) < LIMITS.share:
+            continue  # it hardly follows its command in one of the parts
+        elif by < 0.0:
+            change = "has the other sign"
+        elif not 1.0 / LIMITS.apart_by < by < LIMITS.apart_by:
+            change = f"is {by:.3g} times what it was"
+        elif leap > LIMITS.leap * np.percentile(steps, 99.0) and abs(jump) > 0.5 * leap:
+            change = f"has another zero, by {jump:.3g}"
+        else:
+            continue
+        since = f"{record.name}: from {record.t[row]:.2f} s (row {row}) on, q of {joint}"
+        text = f"{since} {change}: cut the recording there (records: in a mapping)"
+        yield Finding("part", (joint,), text)
+
+
+def _stuck(c: np.ndarray, q: np.ndarray) -> int | None:
+    """First row of a long stretch in which q has one value, though c moves and else moves q."""
+    edges = np.flatnonzero(np.diff(q)) + 1
+    starts, ends = np.concatenate([[0], edges]), np.concatenate([edges, [len(q)]])
+    k = int(np.argmax(ends - starts))
+    part = slice(int(starts[k]), int(ends[k]))
+    outside = np.delete(c, part), np.delete(q, part)
+    if ends[k] - starts[k] < LIMITS.share * len(q) or len(outside[0]) < LIMITS.samples:
+        return None
+    if lags.is_constant(c) or np.std(c[part]) < 0.5 * np.std(c):
+        return None
+    return int(starts[k]) if np.corrcoef(*outside)[0, 1] ** 2 > LIMITS.against**2 else None
+
+
+def _split(c: np.ndarray, q: np.ndarray, dt: float) -> tuple[int, float, np.ndarray]:
+    """Row at which a fit of q by c, its rate and a constant changes most.
+
+    Returns:
+        The row, 0 if there are too few; squared error of both parts over that of one fit; and the
+        coefficients before and after, (2, 3).
+    """
+    table = np.stack([c, np.nan_to_num(lags.rates(c, dt)), np.ones(len(c))], axis=1)
+    size = np.maximum(np.std(table, axis=0), 1e-12)
+    size[2] = 1.0
+    x = table / size
+    margin = max(LIMITS.samples, len(q) // 10)
+    rows = np.arange(margin, len(q) - margin)
+    if not len(rows) or lags.is_constant(c) or lags.is_constant(q):
+        return 0, 1.0, np.zeros((2, 3))
+    y = q - np.mean(q)
+    sums = [np.cumsum(each, axis=0) for each in (x[:, :, None] * x[:, None, :], x * y[:, None])]
+    sides = [[total[rows - 1] for total in sums], [total[-1] - total[rows - 1] for total in sums]]
+    small = 1e-9 * len(q) * np.eye(3)
+    fits = [np.linalg.solve(a + small, b[..., None])[..., 0] for a, b in sides]
+    gained = sum(np.sum(fit * b, axis=1) for fit, (_, b) in zip(fits, sides, strict=True))
+    pooled = np.linalg.solve(sums[0][-1] + small, sums[1][-1])
+    total = float(np.sum(y**2))
+    one = max(total - float(pooled @ sums[1][-1]), 1e-12 * total)
+    k = int(np.argmax(gained))
+    coefficients = np.stack([fit[k] for fit in fits]) / size
+    return int(rows[k]), max(total - float(gained[k]), 0.0) / one, coefficients
+
+
+def alone(
+    model: Model, records: Sequence[Record], changes: Sequence[Change]
+) -> tuple[list[Finding], list[Record]]:
+    """Mistakes of commands of some recordings that others do not have, and those others.
+
+    Only recordings whose motion differs from their commands in another way than in others are
+    simulated.
+    """
+    trials = [commanded([mended(record, changes)]) for record in records]
+    suspicions = [_suspicions(trial) for trial in trials]
+    common = set.intersection(*suspicions) if suspicions else set()
+    bench_of = cache(lambda k: Bench(model, [records[k]], changes))
+    findings: dict[object, Finding] = {}
+    for k, suspicion in enumerate(suspicions):
+        bench = bench_of(k) if suspicion - common else None
+        for finding in (f for test in TESTS if bench and bench.possible for f in test(bench)):
+            findings.setdefault((finding.fault, finding.joints), finding)
+    out, sound = list[Finding](), set(range(len(records)))
+    for finding in findings.values():
+        rows = [k for k in range(len(records)) if bench_of(k).miss(*finding.mends)
+                < bench_of(k).miss()]  # fmt: skip
+        if len(rows) == len(records):
+            continue
+        names = ", ".join(records[k].name for k in rows)
+        line = " or ".join(" and ".join(map(str, way)) for way in (finding.mends, *finding.others))
+        text = f"{names} alone: {finding.says}; a mapping for it alone would say {line}"
+        out.append(replace(finding, says=text, mends=(), others=()))
+        sound -= set(rows)
+    return out, [records[k] for k in sorted(sound)]
+
+
+def _suspicions(trial: Trial) -> set[tuple[str, str]]:
+    """Faults and joints of which the motion along the commands raises one."""
+    out, correlation = set[tuple[str, str]](), commands.correlations(trial)
+    for i, joint in enumerate(trial.joints):
+        ratio, follows = commands.moved(trial, joint)
+        offset = np.nanmedian(trial.measured[0][:, i] - trial.said[0][:, i])
+        suspicions = {
+            "sign": correlation[i, i] < -LIMITS.against,
+            "scale": follows > LIMITS.follows and not 1.0 / LIMITS.scale < ratio < LIMITS.scale,
+            "turns": abs(offset) > 0.5 * signals.TURN,
+            "exchanged": np.max(correlation[i])
+            > max(LIMITS.follows, correlation[i, i] + LIMITS.apart),
+        }
+        out |= {(fault, joint) for fault, holds in suspicions.items() if holds}
+    return out
