@@ -10,7 +10,7 @@ import pytest
 import yaml
 
 import loco_sim
-from loco_learning.gap.setup import family
+from loco_learning.gap.setup import family, torques
 from loco_sim.bolted.loop import Bolted
 from loco_sim.effects import from_list
 from loco_sim.plant.model import Model
@@ -71,6 +71,16 @@ RUBBING = (
     {"name": "coulomb_friction", "joint": "*", "torque": 0.5},
     {"name": "viscous_friction", "joint": "*", "damping": 0.3},
 )
+
+
+@pytest.mark.parametrize(
+    ("constant", "told"), [(0.0, True), (1.0, True), (20.0, False), (-1e3, False)]
+)
+def test_a_torque_that_hardly_varies_tells_nothing_of_motion(constant, told):
+    """Its sign is that of the constant, which motion does not tell; the rest is the drive's."""
+    cause = np.sin(0.1 * np.arange(400.0))
+    by, error = torques.explained(cause[:, None], constant + 0.9 * cause)
+    assert (error < 0.1) if told else (error == 1.0 and not by.any())
 
 
 @cache

@@ -51,6 +51,8 @@ class Limits:
         effort: Ratio above which an effort is in another unit.
         explained: Largest error of the torques that a corrected set-up may leave where they decide,
             over the deviation of the torques: of gains that are guessed, and friction.
+        varies: Deviation of a torque over its root mean square below which it tells nothing of
+            motion: what drives misreport of a constant torque (a measured one by 3 %).
         sure: Smallest gain over its error in a regression.
         seen: Smallest share of the best determined direction of gravity at which another is fitted.
         doubt: Standard errors by which the angle of an inclined base is above that of slopes.
@@ -92,6 +94,7 @@ class Limits:
     exact: float = 0.99
     effort: float = 1.12
     explained: float = 0.8
+    varies: float = 0.1
     sure: float = 5.0
     seen: float = 0.03
     doubt: float = 2.0

@@ -188,11 +188,12 @@ def explained(
 
     Returns:
         Coefficients, (k,), not negative; the error over the deviation of the torque, 1 if
-        something is unknown or the torque does not change.
+        something is unknown or the torque hardly changes.
     """
     size = float(np.linalg.norm(torque - torque.mean()))
     rest, causes = torque - given, causes - causes.mean(axis=0)
-    if not causes.size or not np.isfinite(rest.sum() + causes.sum()) or not size > 1e-9:
+    least = LIMITS.varies * float(np.linalg.norm(torque))
+    if not causes.size or not np.isfinite(rest.sum() + causes.sum()) or not size > least:
         return np.zeros(causes.shape[1]), 1.0
     by, error = nnls(causes, rest - rest.mean())
     return by, float(error) / size
