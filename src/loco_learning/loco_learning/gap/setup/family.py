@@ -40,7 +40,7 @@ def look(model: Model, records: Sequence[Record]) -> list[Finding]:
         model: Robot, overrides and effects.
         records: Recordings.
     """
-    local = [finding for r in records for finding in parts.changed(r, robot_of(model, r))]
+    local = [finding for r in records for finding in parts.changed(model, r)]
     records = [r for r in records if not any(f.says.startswith(f"{r.name}: ") for f in local)]
     found = of_signals(model, records)
     large = [f for f in found if f.fault == "effort" and not f.mends]  # told last

@@ -5,67 +5,103 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
-from functools import cache
+from functools import cache, partial
 
 import numpy as np
 
+from loco_control.exceptions import LocoError
+from loco_sim.bolted.loop import needs_engine
 from loco_sim.plant.model import Model
-from loco_sim.robot.robot import Robot
 
+from ..prediction.forward import Forward, ForwardParams
 from ..recordings import lags
 from ..recordings.record import Record, bridged
 from . import commands, signals
-from .bench import Bench, Trial, commanded
+from .bench import Bench, Trial, commanded, robot_of
 from .finding import Change, Finding, mended
 from .limits import LIMITS
 
 TESTS = (signals.turns, commands.exchanged, commands.sign, commands.scale)
+CUT = ": cut the recording there (records: in a mapping)"
+SIGN, SCALE = "has the other sign" + CUT, "is {:.3g} times what it was" + CUT
+ZERO = "has another zero, by {:.3g}" + CUT
+STILL = "stands still while its command moves: leave this part out"
 
 
-def changed(record: Record, robot: Robot) -> Iterator[Finding]:
+def changed(model: Model, record: Record) -> Iterator[Finding]:
     """Joints whose positions have another sign, scale or zero, or none, from some row on.
 
     The positions are explained by the command and its rate, before and after each row. The row is
-    that which leaves the least.
+    that which leaves the least. What the model does as well, as a joint beyond its resonance moves
+    against its command, is no mistake; without a simulation nothing is told.
     """
-    command = record.command.get("position")
+    robot, command = robot_of(model, record), record.command.get("position")
     wrapped = {joint for finding in signals.wraps(record, robot) for joint in finding.joints}
+    predicted = cache(partial(_predicted, model, record))
     for i, joint in enumerate(record.driven if command is not None else ()):
         if joint not in record.joints or joint in wrapped:
             continue
         c, q = command[:, i], bridged(record.signals["q"][:, record.joints.index(joint)])
-        rest = _stuck(c, q)
-        if rest is not None:
-            since = f"{record.name}: from {record.t[rest]:.2f} s (row {rest}) on, q of {joint}"
-            text = f"{since} stands still while its command moves: leave this part out"
-            yield Finding("part", (joint,), text)
-            continue
-        row, left, (before, after) = _split(c, q, record.dt)
-        if not row or left > 1.0 / LIMITS.better**2:
-            continue
-        if min(np.std(c[:row]), np.std(c[row:])) < LIMITS.share * np.std(c):
-            continue
-        by = after[0] / before[0] if before[0] else 1.0
-        jump = float(np.array([c[row], 0.0, 1.0]) @ (after - before))
-        steps = np.abs(np.diff(q))
-        leap = float(np.max(steps[max(row - 2, 0) : row + 2]))
-        if min(abs(before[0]), abs(after[0])) < LIMITS.share:
-            continue  # it hardly follows its command in one of the parts
-        elif by < 0.0:
-            change = "has the other sign"
-        elif not 1.0 / LIMITS.apart_by < by < LIMITS.apart_by:
-            change = f"is {by:.3g} times what it was"
-        elif leap > LIMITS.leap * np.percentile(steps, 99.0) and abs(jump) > 0.5 * leap:
-            change = f"has another zero, by {jump:.3g}"
-        else:
-            continue
-        since = f"{record.name}: from {record.t[row]:.2f} s (row {row}) on, q of {joint}"
-        text = f"{since} {change}: cut the recording there (records: in a mapping)"
-        yield Finding("part", (joint,), text)
+        row, change, by = _change(c, q, record.dt)
+        if change in (SIGN, SCALE, ZERO):
+            motion = predicted().get(joint)
+            row, other, by = (0, "", 0.0) if motion is None else _change(motion, q, record.dt)
+            change = change if other == change else ""
+        if change:
+            since = f"{record.name}: from {record.t[row]:.2f} s (row {row}) on, q of {joint}"
+            yield Finding("part", (joint,), f"{since} {change.format(by)}")
+
+
+def _predicted(model: Model, record: Record) -> dict[str, np.ndarray]:
+    """Positions of joints by the model along a whole recording, (T,); empty without a simulation.
+
+    A robot that needs an engine is not simulated.
+    """
+    if needs_engine(robot_of(model, record)):
+        return {}
+    try:
+        forward = Forward(model, [record], ForwardParams(signals=("q",)))
+        motion = forward()[0]
+    except (LocoError, ValueError, np.linalg.LinAlgError):
+        return {}
+    columns = zip(forward.channels, motion.T, strict=True)
+    return {channel.name: x for channel, x in columns if np.isfinite(x).all()}
+
+
+def _change(c: np.ndarray, q: np.ndarray, dt: float) -> tuple[int, str, float]:
+    """Row from which on q follows c in another way, the change in words, and its size.
+
+    The words are empty if there is no such row.
+    """
+    rest = _stuck(c, q)
+    if rest is not None:
+        return rest, STILL, 0.0
+    row, left, (before, after) = _split(c, q, dt)
+    if not row or left > 1.0 / LIMITS.better**2:
+        return 0, "", 0.0
+    if min(np.std(c[:row]), np.std(c[row:])) < LIMITS.share * np.std(c):
+        return 0, "", 0.0
+    if min(abs(before[0]), abs(after[0])) < LIMITS.share:
+        return 0, "", 0.0  # it hardly follows its command in one of the parts
+    by = after[0] / before[0]
+    jump, steps = float(np.array([c[row], 0.0, 1.0]) @ (after - before)), np.abs(np.diff(q))
+    leap = float(np.max(steps[max(row - 2, 0) : row + 2]))
+    if by < 0.0:
+        return row, SIGN, by
+    if not 1.0 / LIMITS.apart_by < by < LIMITS.apart_by:
+        return row, SCALE, by
+    if leap > LIMITS.leap * np.percentile(steps, 99.0) and abs(jump) > 0.5 * leap:
+        return row, ZERO, jump
+    return 0, "", 0.0
 
 
 def _stuck(c: np.ndarray, q: np.ndarray) -> int | None:
-    """First row of a long stretch in which q has one value, though c moves and else moves q."""
+    """First row of a long stretch in which q has one value, though c moves and else moves q.
+
+    None if the values are those of a coarse encoder, which also repeat where a joint sticks.
+    """
+    if len(np.unique(q)) < LIMITS.share * len(q):
+        return None
     edges = np.flatnonzero(np.diff(q)) + 1
     starts, ends = np.concatenate([[0], edges]), np.concatenate([edges, [len(q)]])
     k = int(np.argmax(ends - starts))
