@@ -13,7 +13,7 @@ from PIL import Image, ImageFilter
 
 from .figure import Figure
 
-MADE_OF = "296281b40970"  # of the called kernels, see tests/loco_sim/test_kernel_caches.py
+MADE_OF = "db20570add40"  # of the called kernels, see tests/loco_sim/test_kernel_caches.py
 
 EYE = np.array([1.15, -2.05, 0.55])  # from the point looked at to the camera [m]
 FIELD_OF_VIEW = np.radians(34.0)  # vertical

@@ -75,8 +75,15 @@ def at(track: Track, t: np.ndarray) -> np.ndarray:
 
 
 def is_foreign(path: Path) -> bool:
-    """Whether there is a recording that is no run of loco, which has its experiment inside."""
-    return path.exists() and not (suffix_of(path) and OWN in open_bag(path).attachments())
+    """Whether there is a recording that is no run of loco.
+
+    A run of loco has its experiment inside, or, as a live calibration, messages of its types.
+    """
+    if not path.exists() or not suffix_of(path):
+        return path.exists()
+    bag = open_bag(path)
+    types = [topic.type for topic in bag.topics.values()]
+    return OWN not in bag.attachments() and not any(t.startswith("loco_msgs/") for t in types)
 
 
 @understood("whole recording")
