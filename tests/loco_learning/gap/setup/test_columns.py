@@ -62,7 +62,7 @@ def test_no_scale_is_told_that_only_makes_a_coupling_vanish(
         return np.full(2, size if vanishes else min(0.3 * abs(np.log(7.0 * size)), 1.0))
 
     monkeypatch.setattr(Trial, "misses", misses)
-    assert bodies.determined(Bench(model, records), (joint,), 7.0) is told
+    assert bodies.determined(Bench(model, records), (joint,), 7.0, False) is told
 
 
 def with_speeds(data, factors=()):

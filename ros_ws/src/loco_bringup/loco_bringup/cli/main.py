@@ -49,8 +49,9 @@ def main(argv: list[str] | None = None) -> None:
     """Run the command line; an error prints one line on stderr and sets the exit code."""
     logging.basicConfig(level=logging.WARNING, format="loco: %(message)s")
     os.environ["PYTHONSAFEPATH"] = "1"  # child processes import nothing from the current folder
-    # Imports and compilation make objects that stay: a tenth of their time was garbage collection.
-    gc.set_threshold(50_000)
+    if argv is None:  # a process of its own; another one keeps its garbage collection
+        # Imports and compilation make objects that stay: collection took a tenth of their time.
+        gc.set_threshold(50_000)
     try:
         sys.exit(_run(sys.argv[1:] if argv is None else argv))
     except LocoError as error:

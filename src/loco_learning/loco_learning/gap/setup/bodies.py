@@ -90,8 +90,8 @@ def axis(bench: Bench) -> list[Finding]:
 def joint_scale(bench: Bench) -> list[Finding]:
     """Findings of joints whose positions and commands have the same wrong scale.
 
-    All that turn may be in degrees, and all slides in mm. A scale is found only if a larger and a
-    smaller one explain less: a motion that must vanish has another cause.
+    All that turn may be in degrees, and all slides in mm. A scale is found only if a smaller and a
+    larger one explain less: a motion that must vanish has another cause.
     """
     found = [] if bench.led else _in_units(bench)
     misses = dict(zip(bench().joints, bench().misses(), strict=True))
@@ -105,9 +105,9 @@ def joint_scale(bench: Bench) -> list[Finding]:
         by = float(np.exp(lowest(lambda x: bench.miss(*way(x)), np.log(LIMITS.scales))))
         if 1.0 / LIMITS.both < by < LIMITS.both:
             continue
-        if not determined(bench, (joint,), by):
-            continue
         unit = commands.named(bench, joint, by)
+        if not determined(bench, (joint,), by, bool(unit)):
+            continue
         ways = [lines(bench, joint, UNIT, unit, "") if unit else way(float(np.log(by)))]
         says = f"q and command of {joint} are " + (f"in {unit}" if unit else (
             f"{by:.3g} times those of the joint: a scale, or a reduction of the gear"))  # fmt: skip
@@ -121,20 +121,25 @@ def _in_units(bench: Bench) -> list[Finding]:
     slides = tuple(joint for joint in bench().joints if types[joint] == SLIDES)
     turning = tuple(joint for joint in bench().joints if joint not in slides)
     for joints, unit in ((slides, "mm"), (turning, "deg")):
-        if len(joints) > 1 and determined(bench, joints, 1.0 / units.factor(unit)):
+        if len(joints) > 1 and determined(bench, joints, 1.0 / units.factor(unit), True):
             changes = [tuple(c for j in joints for c in lines(bench, j, UNIT, unit, ""))]
             text = f"q and command of {', '.join(joints)} are in {unit}"
             findings += bench.settled("joint scale", joints, text, changes, whole=True)
     return findings
 
 
-def determined(bench: Bench, joints: Sequence[str], by: float) -> bool:
-    """Whether larger and smaller scales of joints than `by` explain less."""
-    misses = [
+def determined(bench: Bench, joints: Sequence[str], by: float, is_unit: bool) -> bool:
+    """Whether smaller and larger scales of joints than `by` explain less.
+
+    Small motions are linear, so that all larger scales explain about as much: of a unit it is
+    enough that smaller ones explain less, and larger ones no more.
+    """
+    best, small, large = (
         bench.miss(*(c for j in joints for c in lines(bench, j, SCALE, 1.0 / (by * f), "")))
         for f in (1.0, *LIMITS.about)
-    ]
-    return min(misses[1:]) > LIMITS.alike * misses[0] + 1e-3
+    )
+    least = LIMITS.alike * best + 1e-3
+    return small > least and large > (best if is_unit else least)
 
 
 def gravity(bench: Bench) -> list[Finding]:
