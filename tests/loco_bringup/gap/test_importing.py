@@ -9,23 +9,22 @@ import numpy as np
 import pytest
 import yaml
 from nav_msgs.msg import Odometry
-from rclpy.serialization import serialize_message
 from sensor_msgs.msg import Imu, JointState
 from std_msgs.msg import Float64MultiArray
 
 from loco_bringup.bag.reader import Bag
-from loco_bringup.bag.writer import BagWriter
 from loco_bringup.gap import importing as gap_import
 from loco_bringup.gap.fields import FieldSource
 from loco_bringup.logs.bag_log import read_log
 from loco_bringup.logs.rollout_bag import run_rollout
 from loco_control.exceptions import LocoError, MissingFileError
-from loco_control.ros.messages.definitions import definition, type_hash
 from loco_learning.gap.prediction.forward import Forward, ForwardParams
 from loco_learning.gap.recordings.mapping import Column
 from loco_learning.runs.experiment import load as load_experiment
 from loco_sim.plant.model import Model
 from loco_sim.robot import robot as robots
+
+from .. import message_bag
 
 TIGRILLO = robots.load("tigrillo")
 SERVO = robots.load("servo_pendulum")
@@ -81,19 +80,9 @@ COMMANDS = joints(["pivot"], position=goal)
 
 def bag(folder, seconds=3.0, attach=None, late=0.0, about=None, **topics):
     """A bag with topics at given rates; ``__`` in a name is a slash."""
-    writer = BagWriter(folder, custom_data=about)
-    for name, (make, rate) in topics.items():
-        cls = type(make(0.0))
-        kind = f"{cls.__module__.split('.')[0]}/msg/{cls.__name__}"
-        topic = "/" + name.replace("__", "/")
-        writer.add_topic(topic, kind, definition(kind), type_hash(kind), [])
-        for t in np.arange(round(seconds * rate)) / rate:
-            data = serialize_message(make(float(t)))
-            writer.write(topic, data, round((t + late) * 1e9))
-    for name, text in (attach or {}).items():
-        writer.attach(name, text.encode())
-    writer.close()
-    return folder
+    timed = {name: (make, np.arange(round(seconds * rate)) / rate)
+             for name, (make, rate) in topics.items()}  # fmt: skip
+    return message_bag.write(folder, attach=attach, late=late, about=about, **timed)
 
 
 def refused(path, robot, said, rules=None):

@@ -8,12 +8,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from rclpy.serialization import serialize_message
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 
 from loco_bringup.bag.export import export
-from loco_bringup.bag.writer import BagWriter
 from loco_bringup.cli import bags as commands
 from loco_bringup.cli import main as cli
 from loco_bringup.logs.recording import read
@@ -21,8 +19,9 @@ from loco_bringup.logs.rollout_bag import run_rollout
 from loco_bringup.report import recorded
 from loco_bringup.report.report import write_report
 from loco_control.exceptions import BagError, LocoError, ParameterError
-from loco_control.ros.messages.definitions import definition, type_hash
 from loco_learning.runs.experiment import load
+
+from .. import message_bag
 
 ROOT = Path(__file__).resolve().parents[3]
 T = np.arange(200) / 100.0
@@ -39,15 +38,7 @@ def state(t, **fields):
 
 
 def bag(folder, **topics):
-    writer = BagWriter(folder)
-    for name, make in topics.items():
-        cls = type(make(0.0))
-        kind = f"{cls.__module__.split('.')[0]}/msg/{cls.__name__}"
-        writer.add_topic("/" + name, kind, definition(kind), type_hash(kind), [])
-        for t in T:
-            writer.write("/" + name, bytes(serialize_message(make(float(t)))), round(t * 1e9))
-    writer.close()
-    return folder
+    return message_bag.write(folder, **{name: (make, T) for name, make in topics.items()})
 
 
 def measured(t):
@@ -78,6 +69,13 @@ def test_positions_alone_have_a_report_without_commands(tmp_path):
     assert "no commanded position of a measured joint" in text and "no speed" in text
     found = read(tmp_path / "arm")
     assert ("tau", "knee") in found.tracks and ("command_torque", "knee") not in found.tracks
+
+
+def test_further_signals_of_a_joint_are_told_as_left_out(tmp_path):
+    path = tmp_path / "arm.csv"
+    rows = [f"{t},{goal(t)},{goal(t)},{goal(t - 0.1)}" for t in T]
+    path.write_text("\n".join(["t,knee_pos,knee_angle,knee_cmd", *rows]))
+    assert "1 further signals of the same joints are left out" in read(path).notes
 
 
 def test_commands_that_name_no_joints_are_told_and_a_mapping_names_them(tmp_path):

@@ -8,18 +8,17 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from rclpy.serialization import serialize_message
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 
-from loco_bringup.bag.writer import BagWriter
 from loco_bringup.cli import main as cli
 from loco_bringup.gap import importing
 from loco_bringup.gap.drafts import terminal
 from loco_bringup.gap.drafts.topics import READERS
 from loco_control.exceptions import LocoError
-from loco_control.ros.messages.definitions import definition, type_hash
 from loco_sim.robot import robot as robots
+
+from ... import message_bag
 
 SERVO = robots.load("servo_pendulum")
 
@@ -35,16 +34,8 @@ def states(t):
 
 
 def bag(folder, **topics):
-    writer = BagWriter(folder)
-    for name, make in topics.items():
-        cls = type(make(0.0))
-        kind = f"{cls.__module__.split('.')[0]}/msg/{cls.__name__}"
-        topic = "/" + name.replace("__", "/")
-        writer.add_topic(topic, kind, definition(kind), type_hash(kind), [])
-        for t in np.arange(300) / 100.0:
-            writer.write(topic, serialize_message(make(float(t))), round(t * 1e9))
-    writer.close()
-    return folder
+    times = np.arange(300) / 100.0
+    return message_bag.write(folder, **{name: (make, times) for name, make in topics.items()})
 
 
 def call(*arguments):

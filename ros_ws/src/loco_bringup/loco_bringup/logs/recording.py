@@ -12,7 +12,7 @@ import numpy as np
 
 from loco_control.exceptions import BagError, MissingFileError, ParameterError
 from loco_control.reading import understood
-from loco_learning.gap.drafting.draft import MOVED
+from loco_learning.gap.drafting.draft import ALSO, MOVED
 from loco_learning.gap.recordings import importing, mapping, tables
 from loco_learning.gap.recordings.clocks import cuts, series
 from loco_learning.gap.recordings.mapping import Column
@@ -39,11 +39,13 @@ class Recording:
         name: Name of the recording.
         tracks: Signals of `COMMAND` by role and joint, with ascending stamps [s].
         notes: Sentences on the clocks and on what was guessed or left out.
+        bag: The bag of another recorder that it was read from; None for other recordings.
     """
 
     name: str
     tracks: dict[tuple[str, str], Track]
     notes: list[str]
+    bag: Bag | None = None
 
     @property
     def joints(self) -> list[str]:
@@ -125,7 +127,7 @@ def read(
         for column in _expanded(rules.columns, names)
         for track in _tracks(column, source, rules.trust_units)
     ]
-    return recording(name_of(path), signals, [*source.notes, *notes])
+    return replace(recording(name_of(path), signals, [*source.notes, *notes]), bag=bag)
 
 
 def _drafted(
@@ -144,7 +146,7 @@ def _drafted(
         measured = [replace(c, role="tau") if c.role == "command_torque" else c
                     for c in rules.columns]  # fmt: skip
         rules = replace(rules, columns=tuple(measured))
-    if repeated := draft_text.count("# The same again, left out"):
+    if repeated := draft_text.count(ALSO):
         notes.append(f"{repeated} further signals of the same joints are left out")
     notes.append(
         f"topics, columns and joints are guessed by their names; `loco gap mapping {path}` shows "

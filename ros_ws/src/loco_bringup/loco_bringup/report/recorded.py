@@ -12,7 +12,7 @@ from loco_control.exceptions import BagError, ParameterError
 from loco_learning.drawing.chart import PALETTE, short
 from loco_learning.gap.recordings.observe import stamps
 
-from ..bag.foreign.opening import open_bag, suffix_of
+from ..bag.foreign.opening import suffix_of
 from ..logs.recording import COMMAND, Recording, at, read
 from ..page import html, style
 from ..page.plot import Line, Panel, Plot
@@ -43,8 +43,7 @@ def page(path: Path, mapping: Path | None = None) -> str:
         html.part("Numbers", lambda: html.table(["Joint", *HEAD], numbers(recording), range(1, 8))),
         html.part("Clocks", lambda: clocks(recording)),
     ]
-    if suffix_of(path):
-        bag = open_bag(path)
+    if bag := recording.bag:
         sections.append(html.part("Messages", lambda: parts.message_table(bag)))
     ends = [track.t[-1] for track in recording.tracks.values()]
     header = [

@@ -14,6 +14,7 @@ from ..recordings import tables, units
 from . import words
 
 RATES = (5.0, 5e3)  # plausible rates of logs [Hz]; other units of time are rejected (taste)
+ALSO = "# Also"  # begins the line of each column that is left out for another one
 MOVED = "; nothing else is a command, so this is taken as what moved the joint"
 TURNING = 7.0  # [rad], just above one turn; larger angles are taken as degrees (taste)
 
@@ -120,7 +121,7 @@ def written(
     seen = {line.column for line in lines} | {line.topic for line in lines}
     text = [f"# Drafted from {file}: look at each line, above all at joints, units and signs.",
             *head, "columns:", *(line.text for line in used)]  # fmt: skip
-    text += [f"# Also {line.role} of {line.joint}, left out; or a command? {line.text.strip(' -')}"
+    text += [f"{ALSO} {line.role} of {line.joint}, left out; or a command? {line.text.strip(' -')}"
              for line in rest]  # fmt: skip
     left = [name for name in names if name not in seen]
     text += [f"# Not used: {', '.join(left)}"] if left else []
