@@ -40,8 +40,9 @@ def look(model: Model, records: Sequence[Record]) -> list[Finding]:
         model: Robot, overrides and effects.
         records: Recordings.
     """
-    local = [finding for r in records for finding in parts.changed(model, r)]
-    records = [r for r in records if not any(f.says.startswith(f"{r.name}: ") for f in local)]
+    changes = [list(parts.changed(model, record)) for record in records]
+    local = list(itertools.chain(*changes))
+    records = [record for record, own in zip(records, changes, strict=True) if not own]
     found = of_signals(model, records)
     large = [f for f in found if f.fault == "effort" and not f.mends]  # told last
     found = [f for f in found if f not in large]

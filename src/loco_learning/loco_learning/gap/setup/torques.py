@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from weakref import WeakKeyDictionary
 
 import numpy as np
 from scipy.ndimage import gaussian_filter1d
@@ -38,6 +39,7 @@ STEP = 1e-3  # change of a position for a derivative [rad or m]
 ROUNDS = 4  # fits, each weighted by the errors of the one before (taste)
 FINEST = 0.01  # least error of a torque over its rms: what a model misses at best (taste)
 TAU, TOLD = "tau", "command_torque"
+_READ: WeakKeyDictionary[Bench, Torques | None] = WeakKeyDictionary()
 
 
 @dataclass(frozen=True)
@@ -124,8 +126,14 @@ class Torques:
 def read(bench: Bench) -> Torques | None:
     """Torques and their causes in whole recordings, with the changes of a bench so far.
 
-    None if the recordings have too few rows away from joint stops.
+    Computed once for each bench. None if there are too few rows away from joint stops.
     """
+    if bench not in _READ:
+        _READ[bench] = _read(bench)
+    return _READ[bench]
+
+
+def _read(bench: Bench) -> Torques | None:
     model, records = bench.whole()
     tables, gravity = [], np.zeros(3)
     for record in records:
