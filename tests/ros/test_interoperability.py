@@ -17,8 +17,8 @@ from rosbags.highlevel import AnyReader
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from sensor_msgs.msg import JointState
 
-from loco_bringup.bag.export import plain
 from loco_bringup.bag.reader import Bag
+from loco_bringup.logs.export import plain
 from loco_control.ros.messages import definitions
 from loco_control.ros.messages.codec import Codec
 from loco_control.ros.messages.installed import ros_class

@@ -16,12 +16,12 @@ from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin
 from rosbags.rosbag2 import Writer as Ros2Writer
 from rosbags.typesys import Stores, get_typestore
 
-from loco_bringup.bag.export import export
-from loco_bringup.bag.foreign import packing, ros1_messages
+from loco_bringup.bag import coding
 from loco_bringup.bag.foreign.opening import open_bag, suffix_of
 from loco_bringup.cli import bags as commands
 from loco_bringup.cli import main as cli
 from loco_bringup.gap import importing
+from loco_bringup.logs.export import export
 from loco_control.exceptions import BagError, MissingFileError, MissingPackageError
 from loco_sim.robot import robot as robots
 
@@ -50,8 +50,10 @@ def messages(store):
         for name, at in zip(TEXTS, (goal(t - 0.04), goal(t)), strict=True):
             empty = np.zeros(0)
             header = head(types["std_msgs/msg/Header"], i, stamp)
-            yield name, 10**9 + i * 10**7, types[KIND](
-                header, ["pivot"], np.array([at]), empty, empty
+            yield (
+                name,
+                10**9 + i * 10**7,
+                types[KIND](header, ["pivot"], np.array([at]), empty, empty),
             )
 
 
@@ -210,10 +212,10 @@ def test_a_file_that_was_unpacked_beside_its_packed_twin_is_read_once(made, form
     folder.mkdir()
     for file in made(form).iterdir():
         (folder / file.name).write_bytes(file.read_bytes())
-        if packing.is_packed(file):
-            (folder / packing.plain_name(file.name)).write_bytes(packing.unpacked(file))
+        if coding.is_packed(file):
+            (folder / coding.plain_name(file.name)).write_bytes(coding.unpacked(file))
     assert open_bag(folder).topics["/joint_states"].count == COUNT
-    assert not any(map(packing.is_packed, open_bag(folder).paths))
+    assert not any(map(coding.is_packed, open_bag(folder).paths))
 
 
 @pytest.mark.parametrize("form", ["mcap_file_zstd", "mcap_file_lz4", "db3_file_zstd", "ros1"])
@@ -229,14 +231,14 @@ def test_a_file_that_is_cut_short_is_one_line(made, form, tmp_path):
 
 
 def test_more_than_a_machine_should_hold_is_not_unpacked(made, monkeypatch):
-    (file,) = [f for f in made("mcap_file_zstd").iterdir() if packing.is_packed(f)]
+    (file,) = [f for f in made("mcap_file_zstd").iterdir() if coding.is_packed(f)]
     with pytest.raises(BagError, match=r"more than 1000 bytes; unpack it with `zstd -d mcap_file"):
-        packing.unpacked(file, 1000)
+        coding.unpacked(file, 1000)
     data = [ZSTD(bytes(600))] * 2
     with pytest.raises(BagError, match="unpack to more than 1000 bytes"):
-        packing.decoded(data, packing.unpacker(data[0]), "a", 1000)
+        coding.decoded(data, coding.unpacker(data[0]), "a", 1000)
     with pytest.raises(BagError, match="a message that zstd packed is damaged"):
-        packing.decoded([data[0][:-3]], packing.unpacker(data[0]), "a")
+        coding.decoded([data[0][:-3]], coding.unpacker(data[0]), "a")
 
 
 @pytest.mark.parametrize("form", ["ros1", "mcap_ros1"])
@@ -245,15 +247,15 @@ def test_without_the_library_it_is_said_what_brings_it(made, form, monkeypatch):
         raise ModuleNotFoundError(name)
 
     folder = made(form)
-    monkeypatch.setattr(ros1_messages.importlib, "import_module", missing)
+    monkeypatch.setattr(coding.importlib, "import_module", missing)
     with pytest.raises(MissingPackageError, match=r"messages of ROS 1.*\./loco install ros1"):
         importing.load(folder, SERVO)
 
 
 def test_a_definition_that_is_none_is_one_line():
     with pytest.raises(BagError, match="a.bag: the definition of x/Y cannot be read") as error:
-        ros1_messages.converter("x/Y", "float64[", "a.bag")
-    convert, text = ros1_messages.converter("x/Y", "float64 a\nstring b\n", "a.bag")
+        coding.converter("x/Y", "float64[", "a.bag")
+    convert, text = coding.converter("x/Y", "float64 a\nstring b\n", "a.bag")
     assert "float64 a" in text
     with pytest.raises(BagError, match="a.bag: 3 bytes are no x/Y of ROS 1"):
         convert(b"abc")

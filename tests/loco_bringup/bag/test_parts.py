@@ -11,7 +11,6 @@ from rosbags.highlevel import AnyReader
 from rosbags.typesys import Stores, get_typestore
 
 from loco_bringup.bag.copy import extract
-from loco_bringup.bag.export import export
 from loco_bringup.bag.reader import Bag
 from loco_bringup.bag.recover import recover
 from loco_bringup.bag.writer import BagWriter, Limits
@@ -19,6 +18,7 @@ from loco_bringup.cli import main as cli
 from loco_bringup.gap import importing as gap_import
 from loco_bringup.graph import run as runner
 from loco_bringup.logs.bag_log import read_log
+from loco_bringup.logs.export import export
 from loco_bringup.logs.rollout_bag import run_rollout
 from loco_bringup.record.order import Order
 from loco_bringup.report.report import page_of

@@ -11,13 +11,13 @@ import sys
 import pytest
 import yaml
 
-from loco_bringup.bag.export import FORMATS
 from loco_bringup.bag.reader import Bag
 from loco_bringup.cli import listing
 from loco_bringup.cli import main as cli
 from loco_bringup.cli.table import COMMANDS, load, parse, parser, split
 from loco_bringup.export_model.write import TARGETS
 from loco_bringup.graph.run import LAYOUTS
+from loco_bringup.logs.export import FORMATS
 from loco_bringup.reproduce.terminal import WHAT
 from loco_bringup.schemas import KINDS
 from loco_control.exceptions import MissingPackageError

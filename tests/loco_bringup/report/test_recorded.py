@@ -11,9 +11,9 @@ import pytest
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 
-from loco_bringup.bag.export import export
 from loco_bringup.cli import bags as commands
 from loco_bringup.cli import main as cli
+from loco_bringup.logs.export import export
 from loco_bringup.logs.recording import read
 from loco_bringup.logs.rollout_bag import run_rollout
 from loco_bringup.report import recorded

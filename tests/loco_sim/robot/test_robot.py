@@ -11,9 +11,9 @@ from loco_control.exceptions import LocoError, MissingFileError, NameUnknownErro
 from loco_control.legs.kinematics import LegGeometry, foot_position, joint_limits
 from loco_control.names import FEET, JOINTS
 from loco_sim.bolted.loop import Bolted, needs_engine
-from loco_sim.make_urdf import hyq as hyq_urdf
 from loco_sim.robot import frames, robot
 from loco_sim.robot.description import Description
+from loco_workshop.make_urdf import hyq as hyq_urdf
 
 ONE_JOINT = """<robot name="bench"><link name="world_link"/>
 <link name="arm"><inertial><mass value="1"/>
@@ -67,7 +67,7 @@ def test_the_urdfs_of_hyq_are_those_that_their_module_writes():
     assets = resources.files("loco_sim") / "assets"
     for name, written in (("hyq", hyq_urdf.write()), ("hyq_leg", hyq_urdf.write_leg())):
         file = assets / name / f"{name}.urdf"
-        assert file.read_text() == written, "run python -m loco_sim.make_urdf.hyq"
+        assert file.read_text() == written, "run loco_workshop.make_urdf.hyq"
 
 
 def test_the_urdf_follows_the_leg_geometry():

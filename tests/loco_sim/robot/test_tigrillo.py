@@ -5,11 +5,11 @@ import numpy as np
 import pytest
 
 from loco_control.types import MotionCommand
-from loco_sim.make_urdf import tigrillo as tigrillo_urdf
 from loco_sim.plant.simulation import Simulation
 from loco_sim.robot import robot
 from loco_sim.robot.description import Description
 from loco_sim.world.world import make_world
+from loco_workshop.make_urdf import tigrillo as tigrillo_urdf
 
 KNEES = [1, 3, 5, 7]
 

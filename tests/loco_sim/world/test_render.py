@@ -9,12 +9,12 @@ import pytest
 from PIL import Image
 
 from loco_control.exceptions import ParameterError
-from loco_sim.make_urdf import hyq as hyq_urdf
 from loco_sim.robot import robot as robots
 from loco_sim.world import render
 from loco_sim.world.figure import Figure
 from loco_sim.world.render import frames, render_gif
 from loco_sim.world.stage import Stage, look_at, perspective
+from loco_workshop.make_urdf import hyq as hyq_urdf
 
 SIZE = (180, 120)
 

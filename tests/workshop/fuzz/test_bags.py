@@ -7,10 +7,10 @@ import json
 import pytest
 
 from loco_bringup.bag.copy import extract
-from loco_bringup.bag.export import export
 from loco_bringup.bag.reader import Bag
 from loco_bringup.bag.recover import recover
 from loco_bringup.gap import importing
+from loco_bringup.logs.export import export
 from loco_control.exceptions import BagError, ParameterError
 from loco_sim.robot import robot as robots
 from loco_workshop.fuzz import bags, fuzz

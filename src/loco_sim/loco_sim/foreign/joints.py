@@ -46,8 +46,8 @@ def _free(root: ET.Element, joint: ET.Element, notes: Notes) -> None:
     if link is not None and alone and mass_of(link) == 0.0:
         root.remove(link)
         root.remove(joint)
-        why = "as a base that stands floats without it"
-        notes.add(f"without the {kind} joint {name!r} to {parent!r}, {why}")
+        reason = "as a base that stands floats without it"
+        notes.add(f"without the {kind} joint {name!r} to {parent!r}, {reason}")
         return
     joint.set("type", "fixed")
     notes.add(f"locked, as no drive moves a {kind} joint", name)
@@ -70,15 +70,15 @@ def _range(joint: ET.Element, notes: Notes) -> None:
         lock(joint, low)
         notes.add("locked, as the limits are equal", name)
     elif not ends or low >= high:
-        why = "name none" if not ends else "are 0" if low == high else "are crossed"
+        reason = "name none" if not ends else "are 0" if low == high else "are crossed"
         if joint.get("type") == "revolute":
             joint.set("type", "continuous")
-            notes.add(f"turn without limits, as they {why}", name)
+            notes.add(f"turn without limits, as they {reason}", name)
             return
         limit = ET.SubElement(joint, "limit") if limit is None else limit
         limit.set("lower", str(-SLIDE))
         limit.set("upper", str(SLIDE))
-        notes.add(f"slide ±{SLIDE:g} m, as their limits {why}", name)
+        notes.add(f"slide ±{SLIDE:g} m, as their limits {reason}", name)
     elif len(ends) == 1:
         notes.add(f"a limit that is not named is read as 0 ({low:g} to {high:g})", name)
 

@@ -251,8 +251,8 @@ class _File:
             raise self._wrong(f"{shown(word)} is no whole number of 0 to {most}")
         return int(value)
 
-    def _wrong(self, why: str) -> ParameterError:
-        return ParameterError(f"the mesh {self._path}: {why}")
+    def _wrong(self, reason: str) -> ParameterError:
+        return ParameterError(f"the mesh {self._path}: {reason}")
 
 
 def _has_faces(element: ET.Element) -> bool:

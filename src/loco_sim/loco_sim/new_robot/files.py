@@ -90,9 +90,9 @@ class Draft:
         """Tree of bodies of the current URDF, with the locked joints fixed."""
         return Body(self.description(), self.tidied.rotors)
 
-    def lock(self, positions: dict[str, float], why: str) -> None:
+    def lock(self, positions: dict[str, float], reason: str) -> None:
         """Lock joints at positions [rad or m] by the key `locked` of ``robot.yaml``."""
-        self.locked |= {joint: (position, why) for joint, position in positions.items()}
+        self.locked |= {joint: (position, reason) for joint, position in positions.items()}
         self.mimics = [joint for joint in self.mimics if joint not in positions]
 
     def guess_limits(
@@ -139,11 +139,12 @@ class Draft:
     def all_notes(self) -> list[str]:
         """Notes about repaired faults, then those about decisions."""
         extra = [f"commands made from those of the joints that they mimic: {listed(self.mimics)}"]
-        reasons = {why: [] for _, why in self.locked.values()}
-        for joint, (_, why) in self.locked.items():
-            reasons[why].append(joint)
+        reasons = {reason: [] for _, reason in self.locked.values()}
+        for joint, (_, reason) in self.locked.items():
+            reasons[reason].append(joint)
         locks = [
-            f"locked in robot.yaml, as {why}: {listed(names)}" for why, names in reasons.items()
+            f"locked in robot.yaml, as {reason}: {listed(names)}"
+            for reason, names in reasons.items()
         ]
         extra = extra if self.mimics else []
         return [*self.tidied.notes, *extra, *locks, *self.notes]
@@ -219,8 +220,8 @@ class Folder:
         if freed:
             lines.append("locked:  # guessed; a joint moves once its line is deleted [rad, m]")
             for name in freed:
-                position, why = draft.locked[name]
-                lines.append(f"  {_name(name)}: {position + 0.0:.6g}  # {why}")
+                position, reason = draft.locked[name]
+                lines.append(f"  {_name(name)}: {position + 0.0:.6g}  # {reason}")
         if self._found:
             lines.append(f"feet: [{_names(s.link for s in self._found)}]  # guessed")
         if draft.legs:

@@ -162,12 +162,13 @@ def _posture(
     posture = Search(final, found, q, rng).find()
     size = final.size(q)
     if posture.uneven > LEVEL * size * 2.0:
-        why = f"no posture puts its feet level ({posture.uneven:.3f} m off)"
-        draft.notes.append(f"bolted, as {why}")
+        draft.notes.append(
+            f"bolted, as no posture puts its feet level ({posture.uneven:.3f} m off)"
+        )
         return None
     if posture.margin <= 0.0:
-        why = f"{-posture.margin:.2f} m outside its {len(found)} points of support"
-        draft.notes.append(f"bolted, as its centre of mass is {why}")
+        outside = f"{-posture.margin:.2f} m outside its {len(found)} points of support"
+        draft.notes.append(f"bolted, as its centre of mass is {outside}")
         return None
     return found, posture, size
 

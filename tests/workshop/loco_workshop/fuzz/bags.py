@@ -19,11 +19,11 @@ import numpy as np
 from mcap.writer import CompressionType, Writer
 
 from loco_bringup.bag.copy import extract
-from loco_bringup.bag.export import FORMATS, export
 from loco_bringup.bag.reader import Bag
 from loco_bringup.bag.recover import recover
 from loco_bringup.cli.bags import show_bag
 from loco_bringup.gap import importing
+from loco_bringup.logs.export import FORMATS, export
 from loco_bringup.record.order import Order
 from loco_control.exceptions import LocoError, ParameterError
 from loco_control.ros.messages.definitions import definition
@@ -41,7 +41,10 @@ def recipes() -> list[bytes]:
     states = _channel("/joint_states", joints, qos, joint_states())
     command = {**states, "topic": "/joint_command"}
     text = _channel("/robot_description", "std_msgs/msg/String", "[]", [_string("<robot/>")])
-    about = {"metadata": {"loco": {"seed": "1", "versions": '{"loco": "1"}'}}, "channels": [states, command, text]}
+    about = {
+        "metadata": {"loco": {"seed": "1", "versions": '{"loco": "1"}'}},
+        "channels": [states, command, text],
+    }
     files = {"experiment.yaml": "name: sample\noverrides: {height: 0.5}\n", "weights.npz": "none"}
     packed = [json.dumps({"compression": how, "files": files, **about}) for how in _PACKED]
     return [recipe.encode() for recipe in packed]

@@ -17,7 +17,7 @@ from mcap.records import Attachment, Channel, Footer, Metadata, Schema, Statisti
 
 from loco_control.exceptions import BagError
 
-from .foreign.packing import is_packed, unpacked
+from .coding import is_packed, unpacked
 from .mcap_chunk import Records, unpack
 from .mcap_scan import DAMAGE, HEAD, MAGIC, Piece, parsed, walk
 

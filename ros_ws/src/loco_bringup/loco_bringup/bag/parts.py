@@ -17,7 +17,7 @@ from loco_control.checks import check_file
 from loco_control.exceptions import BagError, LocoError, MissingFileError
 from loco_control.reading import read_yaml, understood
 
-from .foreign.packing import plain_name, without_twins
+from .coding import plain_name, without_twins
 from .mcap_chunk import Records
 from .mcap_file import McapFile, Summary
 

@@ -16,8 +16,7 @@ from loco_control.reading import as_text, parse_json, parse_yaml
 from loco_control.ros.messages.codec import Codec
 from loco_control.ros.messages.plain import Message, deserialize, message_class
 
-from .foreign.packing import decoded, unpacker
-from .foreign.ros1_messages import ROS1, converter, kind_of
+from .coding import ROS1, converter, decoded, kind_of, unpacker
 from .mcap_chunk import Records, rows_at
 from .mcap_file import McapFile, of_channels
 from .parts import McapFiles, mcap_paths

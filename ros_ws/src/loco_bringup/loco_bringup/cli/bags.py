@@ -15,10 +15,9 @@ import numpy as np
 from loco_control.reading import shown
 from loco_learning.gap.recordings import tables
 
+from ..bag.coding import is_packed
 from ..bag.copy import extract as extract_topics
-from ..bag.export import export as export_topics
 from ..bag.foreign.opening import open_bag
-from ..bag.foreign.packing import is_packed
 from ..bag.foreign.raw import RawBag
 from ..bag.mcap_chunk import chunk_head
 from ..bag.mcap_file import McapFile
@@ -26,6 +25,7 @@ from ..bag.parts import stated_counts
 from ..bag.reader import Bag
 from ..bag.recover import recover as recover_bag
 from ..bag.writer import Limits
+from ..logs.export import export as export_topics
 from ..terminal import console, table
 
 

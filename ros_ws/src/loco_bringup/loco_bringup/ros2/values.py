@@ -13,7 +13,7 @@ import yaml
 from loco_control.exceptions import NameUnknownError, ParameterError
 from loco_control.reading import parse_yaml
 
-from ..bag.export import plain
+from ..logs.export import plain
 
 
 def type_of(name: str, group: str) -> Any:

@@ -8,9 +8,9 @@ from pathlib import Path
 from loco_control.exceptions import BagError
 from loco_learning.gap.recordings.tables import is_table
 
+from ..coding import plain_name
 from ..reader import Bag
 from . import ros1, sqlite
-from .packing import plain_name
 
 KINDS = {".mcap": Bag, sqlite.SUFFIX: sqlite.SqliteBag, ros1.SUFFIX: ros1.Ros1Bag}
 

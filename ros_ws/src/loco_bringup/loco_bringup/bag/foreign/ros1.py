@@ -11,10 +11,9 @@ import numpy as np
 
 from loco_control.exceptions import BagError, MissingFileError
 
+from ..coding import converter, decoded, kind_of, library
 from ..reader import TopicInfo
-from .packing import decoded
 from .raw import RawBag
-from .ros1_messages import converter, kind_of, library
 
 SUFFIX = ".bag"
 

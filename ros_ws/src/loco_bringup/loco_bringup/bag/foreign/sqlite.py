@@ -18,8 +18,8 @@ import numpy as np
 from loco_control.exceptions import BagError, MissingFileError
 from loco_control.reading import shown
 
+from ..coding import decoded, is_packed, plain_name, unpacked, unpacker, without_twins
 from ..reader import TopicInfo
-from .packing import decoded, is_packed, plain_name, unpacked, unpacker, without_twins
 from .raw import RawBag
 
 SUFFIX = ".db3"

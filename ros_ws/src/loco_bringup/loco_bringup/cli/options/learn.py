@@ -112,17 +112,6 @@ def _episodes(p: ArgumentParser) -> None:
     add_out(p, "folder (default results/NAME_reinforce or _ppo)")
 
 
-@command("reinforce contest", "reinforce.contest:run",
-         "CMA-ES, two steps, three steps and PPO on equal simulated time (resumable)")  # fmt: skip
-def reinforce_contest(p: ArgumentParser) -> None:
-    """Options of `loco reinforce contest`."""
-    engine(p)
-    option(p, "--seconds", 600.0, "simulated time of each way [s]")
-    option(p, "--seeds", 5, "seeds of each way (default 5)")
-    option(p, "--workers", 2, "processes (default 2)")
-    add_out(p, "results folder (default results/reinforce_contest)")
-
-
 @command("reproduce", "reproduce.terminal:run",
          "run experiments of the thesis again, claim by claim (resumable)")  # fmt: skip
 def reproduce(p: ArgumentParser) -> None:

@@ -7,6 +7,7 @@ from argparse import ArgumentParser
 from pathlib import Path
 
 from .registry import add_out, group, option
+from .run import engine
 
 command = group("Work on loco itself")
 
@@ -72,6 +73,17 @@ def battery(p: ArgumentParser) -> None:
            "2 s, another judging record, an accuracy of 1 or 3 %% (default 0)", "N")  # fmt: skip
     option(p, "--bags-only", False, "make the cases, run nothing")
     add_out(p, "folder of the battery (default results/gap_battery_SEED)")
+
+
+@command("reinforce contest", "loco_workshop.contest_terminal:run",
+         "CMA-ES, two steps, three steps and PPO on equal simulated time (resumable)")  # fmt: skip
+def reinforce_contest(p: ArgumentParser) -> None:
+    """Options of `loco reinforce contest`."""
+    engine(p)
+    option(p, "--seconds", 600.0, "simulated time of each way [s]")
+    option(p, "--seeds", 5, "seeds of each way (default 5)")
+    option(p, "--workers", 2, "processes (default 2)")
+    add_out(p, "results folder (default results/reinforce_contest)")
 
 
 @command("chaos", "loco_workshop.stress.chaos_terminal:show_chaos",

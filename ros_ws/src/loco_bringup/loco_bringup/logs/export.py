@@ -21,8 +21,8 @@ from loco_control.files import whole_folder
 from loco_control.reading import within
 from loco_learning.gap.recordings import tables
 
-from .foreign.opening import beside, name_of, open_bag
-from .reader import Bag
+from ..bag.foreign.opening import beside, name_of, open_bag
+from ..bag.reader import Bag
 
 FORMATS = ("npz", "csv")
 TIME = "log_time"  # column of the log times [s]

@@ -8,9 +8,9 @@ import math
 import pytest
 
 from loco_bringup.cli.main import main
-from loco_bringup.reinforce import contest as terminal
-from loco_learning.reinforce import contest
-from loco_learning.reinforce.contest import Case
+from loco_workshop import contest
+from loco_workshop import contest_terminal as terminal
+from loco_workshop.contest import Case
 
 
 def case(method, seed, speed, falls=0, cost=0.4):

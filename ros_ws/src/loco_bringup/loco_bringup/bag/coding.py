@@ -1,20 +1,24 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Decompression of files and messages from `ros2 bag record --compression-mode` (zstd, lz4)."""
+"""Files and messages as other recorders code them, as CDR: compressed (zstd, lz4), or of ROS 1."""
 
 from __future__ import annotations
 
+import importlib
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
 
 import lz4.frame
 import zstandard
 
-from loco_control.exceptions import BagError
+from loco_control.exceptions import BagError, MissingPackageError
 
 PACKINGS = (".zstd", ".zst", ".lz4")
 MOST = 1 << 32  # largest decompressed file [bytes]
 _PART = 1 << 14  # compressed bytes read at a time; a few hundred can decompress to many
 _ZSTD, _LZ4 = b"\x28\xb5\x2f\xfd", b"\x04\x22\x4d\x18"  # first bytes of frames; CDR has others
+ROS1 = "ros1"  # message encoding of an MCAP channel
+_HEADER = "std_msgs/msg/Header"
 
 
 def is_packed(path: Path) -> bool:
@@ -125,3 +129,60 @@ def _lz4(data: bytes) -> bytes:
         return lz4.frame.decompress(data)
     except RuntimeError as error:
         raise BagError(f"a message that lz4 packed is damaged: {error}") from None
+
+
+def library(name: str, what: str) -> Any:
+    """A module of rosbags.
+
+    Args:
+        name: Name of the module inside the package ``rosbags``.
+        what: File that needs it, for error messages.
+
+    Raises:
+        MissingPackageError: rosbags is not installed.
+    """
+    try:
+        return importlib.import_module(f"rosbags.{name}")
+    except ModuleNotFoundError:
+        raise MissingPackageError(
+            f"{what} holds messages of ROS 1: reading them needs rosbags, which comes with "
+            "`./loco install ros1`; or convert the bag with `rosbags-convert`"
+        ) from None
+
+
+def kind_of(name: str) -> str:
+    """ROS 2 name, ``package/msg/Type``, of a ROS 1 type."""
+    return name if "/msg/" in name else name.replace("/", "/msg/", 1)
+
+
+def converter(name: str, text: str, what: str) -> tuple[Callable[[bytes], bytes], str]:
+    """Function that converts serialised ROS 1 messages to CDR, and the ROS 2 definition.
+
+    Args:
+        name: Type of the messages, in the notation of ROS 1 or ROS 2.
+        text: ROS 1 definition, including the definitions of nested types.
+        what: File name for error messages.
+
+    Raises:
+        BagError: The text is not a valid definition.
+        MissingPackageError: rosbags is not installed.
+    """
+    types, kind = library("typesys", what), kind_of(name)
+    store = types.get_typestore(types.Stores.EMPTY)
+    ros2 = types.get_typestore(types.Stores.ROS2_JAZZY)
+    try:
+        definitions = types.get_types_from_msg(text, kind)
+        for base in (_HEADER, "builtin_interfaces/msg/Time", "builtin_interfaces/msg/Duration"):
+            definitions[base] = ros2.fielddefs[base]  # a header of ROS 2 has no seq
+        store.register(definitions)
+        definition, _ = store.generate_msgdef(kind, ros_version=2)
+    except Exception as error:  # noqa: BLE001  (its parser raises whatever a text leads to)
+        raise BagError(f"{what}: the definition of {name} cannot be read: {error}") from None
+
+    def convert(data: bytes) -> bytes:
+        try:
+            return bytes(store.ros1_to_cdr(data, kind))
+        except Exception as error:  # noqa: BLE001  (as above)
+            raise BagError(f"{what}: {len(data)} bytes are no {name} of ROS 1: {error}") from None
+
+    return convert, definition

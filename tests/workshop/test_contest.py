@@ -1,18 +1,16 @@
 # SPDX-License-Identifier: Apache-2.0
 """Ways to a gait on equal time: the budget is kept, a case is run once, what is missing is said."""
 
-import math
 import sys
 
 import pytest
 import yaml
 
 from loco_control.exceptions import ParameterError
-from loco_learning.reinforce import contest
 from loco_learning.reinforce.params import ReinforceParams
-from loco_learning.reinforce.trials import CONDITIONS, TrialParams, judge
-from loco_learning.runs.experiment import load
+from loco_learning.reinforce.trials import CONDITIONS, TrialParams
 from loco_learning.search import evaluations
+from loco_workshop import contest
 
 GRADIENT = ReinforceParams(batch=2, lead=1.0, episode=1.0, directions=3)
 
@@ -72,15 +70,3 @@ def test_a_shorter_search_is_the_beginning_of_a_longer_one(params, folder, tmp_p
     _, long = evaluations.read(folder / "search_0")
     assert len(short) == 8 and short == long[:8]
     assert contest._gait(params, folder, 12.0, 0) == contest._gait(params, tmp_path, 12.0, 0)
-
-
-def test_trials_measure_speed_and_falls_from_the_start_on():
-    p = TrialParams(start=1.5, length=2.0, count=2, push=0.0, spread=0.0)
-    calm = judge(load("tigrillo_bound"), p)
-    assert calm["calm"] == calm["pushed"] == calm["bodies"]  # nothing differs
-    assert calm["calm"].falls == 0 and calm["calm"].count == 2 and calm["calm"].speed > 0.1
-    hard = judge(load("tigrillo_bound"), p.replace(push=5.0, spread=0.1))
-    assert hard["calm"] == calm["calm"]
-    standing = judge(load("tigrillo_hold"), p)["calm"]
-    assert abs(standing.speed) < 0.01 and standing.falls == 0 and math.isnan(standing.cost)
-    assert hard["pushed"].falls == 2 and hard["bodies"] != calm["bodies"]

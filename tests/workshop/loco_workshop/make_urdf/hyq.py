@@ -2,7 +2,7 @@
 """Generator of the URDFs of HyQ and of a single HyQ leg, from a table of frames, masses and limits.
 
 The leg geometry comes from `LegGeometry`, so kinematics and plant cannot
-disagree. Run ``python -m loco_sim.make_urdf.hyq`` after a change here; a test compares
+disagree. Run ``python -m loco_workshop.make_urdf.hyq`` after a change here; a test compares
 the file with what this module writes.
 Source: frames, masses and limits of DLS-Lab's hyq-description (Apache-2.0).
 Shapes: boxes, cylinders and spheres in place of the meshes there. Only the
@@ -15,6 +15,7 @@ from collections.abc import Sequence
 from math import pi
 from pathlib import Path
 
+import loco_sim
 from loco_control.legs.geometry import LegGeometry
 from loco_control.names import LEGS, foot_name, joint_name
 
@@ -50,7 +51,7 @@ def _robot(name: str, legs: Sequence[str], geometry: LegGeometry) -> str:
     lines = [
         '<?xml version="1.0"?>',
         "<!-- SPDX-License-Identifier: Apache-2.0 -->",
-        "<!-- Written by loco_sim.make_urdf.hyq: edit that module, not this file. -->",
+        "<!-- Written by loco_workshop.make_urdf.hyq: edit that module, not this file. -->",
         f'<robot name="{name}">',
         *_trunk(),
     ]
@@ -151,6 +152,6 @@ def _joint(name: str, parent: str, child: str, xyz: Vector, rpy: Vector,
 
 
 if __name__ == "__main__":
-    assets = Path(__file__).parent.parent / "assets"
+    assets = Path(loco_sim.__file__).parent / "assets"
     (assets / "hyq" / "hyq.urdf").write_text(write())
     (assets / "hyq_leg" / "hyq_leg.urdf").write_text(write_leg())

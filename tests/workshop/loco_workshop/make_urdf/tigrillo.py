@@ -5,7 +5,7 @@ Frames follow REP-103: x forward, y left, z up; the base is at the underside of 
 body, between the hips. All joints turn about -y, so a positive hip swings the leg
 forwards and a positive knee folds the shank forwards; both 0 is a straight leg that
 points down. The knee coordinate is therefore the angle that the Hall sensor reports.
-Run ``python -m loco_sim.make_urdf.tigrillo`` after a change here; a test compares.
+Run ``python -m loco_workshop.make_urdf.tigrillo`` after a change here; a test compares.
 Source: gurbain/tigrillo2, exp/model.py, which has y forward. Its leg parts have the
 density 1e5 kg/m³ and the robot 3.9 kg; here a leg weighs 43 g and the robot the 0.95 kg
 of the thesis (section 4.2), split as in Table 5.1: 0.712 kg in front, 0.238 kg behind.
@@ -16,6 +16,7 @@ from __future__ import annotations
 from math import pi
 from pathlib import Path
 
+import loco_sim
 from loco_control.names import LEGS, foot_name, joint_name
 
 from .text import ZERO, Vector, link, shape, text
@@ -48,7 +49,7 @@ def write() -> str:
     lines = [
         '<?xml version="1.0"?>',
         "<!-- SPDX-License-Identifier: Apache-2.0 -->",
-        "<!-- Written by loco_sim.make_urdf.tigrillo: edit that module, not this file. -->",
+        "<!-- Written by loco_workshop.make_urdf.tigrillo: edit that module, not this file. -->",
         '<robot name="tigrillo">',
         *link("base_link", PLATE_MASS, ZERO, (1e-7, 1e-7, 1e-7, 0.0, 0.0, 0.0), [plate]),
         *_body("f"),
@@ -130,4 +131,4 @@ def _rod(mass: float, length: float) -> tuple[float, ...]:
 
 
 if __name__ == "__main__":
-    (Path(__file__).parent.parent / "assets" / "tigrillo" / "tigrillo.urdf").write_text(write())
+    (Path(loco_sim.__file__).parent / "assets" / "tigrillo" / "tigrillo.urdf").write_text(write())

@@ -28,18 +28,17 @@ import numpy as np
 from loco_control.checks import keys_of
 from loco_control.exceptions import MissingPackageError, ParameterError
 from loco_control.params import Params, parameter, to_dict
-
-from ..gaits.search import GaitProblem, GaitSearchParams
-from ..jobs import pool
-from ..jobs.journal import Journal
-from ..jobs.kept import versions
-from ..runs.experiment import Experiment, load
-from ..search import evaluations
-from ..search.population import PopulationParams, minimise
-from . import learn as gradient
-from .episode import first_weights
-from .params import ReinforceParams
-from .trials import TrialParams, judge
+from loco_learning.gaits.search import GaitProblem, GaitSearchParams
+from loco_learning.jobs import pool
+from loco_learning.jobs.journal import Journal
+from loco_learning.jobs.kept import versions
+from loco_learning.reinforce import learn as gradient
+from loco_learning.reinforce.episode import first_weights
+from loco_learning.reinforce.params import ReinforceParams
+from loco_learning.reinforce.trials import TrialParams, judge
+from loco_learning.runs.experiment import Experiment, load
+from loco_learning.search import evaluations
+from loco_learning.search.population import PopulationParams, minimise
 
 RECORD = "cases.jsonl"
 METHODS = ("evolution", "two steps", "three steps", "ppo")
@@ -124,9 +123,9 @@ def learnt(params: ContestParams, folder: Path, method: str, seed: int) -> Case:
     """Learn in one way with one seed, and test the result."""
     began = time.perf_counter()
     place = folder / f"{method.replace(' ', '_')}_{seed}"
-    method_function = {"evolution": _evolution, "two steps": _steps, "three steps": _steps, "ppo": _ppo}[method]
+    learners = {"evolution": _evolution, "ppo": _ppo}
     try:
-        controller, seconds = method_function(params, place, method, seed)
+        controller, seconds = learners.get(method, _steps)(params, place, method, seed)
     except (ParameterError, MissingPackageError) as error:
         return Case(method, seed, 0.0, time.perf_counter() - began, {}, str(error))
     wall = time.perf_counter() - began
@@ -192,7 +191,7 @@ def _steps(p: ContestParams, place: Path, method: str, seed: int) -> tuple[Exper
 
 
 def _ppo(p: ContestParams, place: Path, method: str, seed: int) -> tuple[Experiment, float]:
-    from .ppo import learn_by_ppo  # optional dependency
+    from loco_learning.reinforce.ppo import learn_by_ppo  # optional dependency
 
     # The robot stands until the delay line is full, without a gait.
     reflex = load(p.reflex, {"seed": seed})

@@ -10,9 +10,9 @@ from rclpy.serialization import serialize_message
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64
 
-from loco_bringup.bag.export import export, stem_of
 from loco_bringup.bag.reader import Bag
 from loco_bringup.bag.writer import BagWriter
+from loco_bringup.logs.export import export, stem_of
 from loco_control.exceptions import BagError, NameUnknownError, ParameterError
 from loco_control.ros.messages.convert import Converter, blank
 from loco_control.ros.messages.definitions import definition, type_hash

@@ -9,12 +9,12 @@ from collections.abc import Callable
 
 import numpy as np
 
+from loco_bringup.terminal import bar, console, table
 from loco_control.files import check_writable, write_whole
 from loco_control.reading import within
-from loco_learning.reinforce import contest
-from loco_learning.reinforce.contest import METHODS, Case, ContestParams
 
-from ..terminal import bar, console, table
+from . import contest
+from .contest import METHODS, Case, ContestParams
 
 HEAD = (
     "way", "seeds", "speed [m/s]", "COT", "falls", "pushed: speed", "falls", "bodies: speed",
