@@ -103,6 +103,15 @@ def test_a_draft_that_failed_leaves_no_robot_for_the_next_one(search, tmp_path):
     assert type(asked["model"].make_robot().drives["pivot"]).__name__ == "TorqueDrive"
 
 
+def test_units_of_a_description_are_told_before_all_else(search, tmp_path):
+    table("my.csv", pivot_pos=0.4 * np.sin(3.0 * T), pivot_torque=np.cos(3.0 * T))
+    heavy = re.sub(r'<mass value="([^"]+)"', r'<mass value="\g<1>e6"', Path("my.urdf").read_text())
+    Path("my.urdf").write_text(heavy)
+    for _ in "once", "again":
+        code, said, _ = search("my.csv")
+        assert code == 0 and said.index("masses in g?") < said.index("is a draft")
+
+
 def test_a_draft_of_another_or_an_older_description_is_not_used_in_silence(search, tmp_path):
     table("my.csv", pivot_pos=0.4 * np.sin(3.0 * T), pivot_torque=np.cos(3.0 * T))
     code, said, _ = search("my.csv")

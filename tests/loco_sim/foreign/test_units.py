@@ -13,11 +13,14 @@ SIDES = (0.1, 0.06, 0.3)
 RODS = 4
 
 
-def rods(folder, mass=1.0, inertia=1.0, shape=True, filler=None):
-    """A chain of rods of 30 cm; masses and inertias are multiplied by factors."""
+LIMIT = '<limit lower="{}" upper="{}" effort="9" velocity="9"/>'
+
+
+def rods(folder, mass=1.0, inertia=1.0, shape=True, filler=None, length=1.0, hinge=""):
+    """A chain of rods of 30 cm; masses, inertias and lengths are multiplied by factors."""
     a, b, c = SIDES
     moments = np.array([b * b + c * c, a * a + c * c, a * a + b * b]) / 12.0
-    box = f'<box size="{a} {b} {c}"/>' if shape is True else shape
+    box = f'<box size="{a * length} {b * length} {c * length}"/>' if shape is True else shape
     parts = ""
     for k in range(RODS):
         kilos = 1.5 - 0.2 * k
@@ -32,8 +35,9 @@ def rods(folder, mass=1.0, inertia=1.0, shape=True, filler=None):
         )
         if k:
             parts += (
-                f'<joint name="j{k}" type="continuous"><parent link="l{k - 1}"/>'
-                f'<child link="l{k}"/><origin xyz="0 0 0.3"/></joint>'
+                f'<joint name="j{k}" type="{"revolute" if hinge else "continuous"}">{hinge}'
+                f'<parent link="l{k - 1}"/><child link="l{k}"/><origin xyz="0 0 {0.3 * length}"/>'
+                "</joint>"
             )
     path = folder / "robot.urdf"
     path.write_text(f'<robot name="r">{parts}</robot>')
@@ -46,6 +50,7 @@ def rods(folder, mass=1.0, inertia=1.0, shape=True, filler=None):
     [
         (1.0, 1.0, False, ""),
         (1.0, 1e3, False, "g·m²"),
+        (1.0, 1e4, False, "kg·cm²"),
         (1.0, 1e6, False, "kg·mm²"),
         (1.0, 1e9, False, "g·mm²"),
         (1e3, 1e3, True, "g·m²"),  # both in g
@@ -60,6 +65,44 @@ def test_units_of_masses_and_inertias_are_told(tmp_path, shape, mass, inertia, m
     assert any(note.startswith("masses in g?") for note in notes) == masses
     told = [note for note in notes if note.startswith("inertias in ")]
     assert [note.split("?")[0] for note in told] == ([f"inertias in {unit}"] if unit else [])
+
+
+@pytest.mark.parametrize("shape", [True, ""])
+@pytest.mark.parametrize(
+    ("length", "mass", "inertia", "told"),
+    [
+        (1e3, 1.0, 1.0, ["lengths in mm"]),
+        (1e3, 1.0, 1e6, ["lengths in mm", "inertias in kg·mm²"]),
+        (1e3, 1e3, 1e9, ["lengths in mm and masses in g", "inertias in g·mm²"]),
+        (1e2, 1.0, 1.0, ["lengths in cm"]),
+        (1e2, 1.0, 1e4, ["lengths in cm", "inertias in kg·cm²"]),
+    ],
+)
+def test_units_of_lengths_are_told_first(tmp_path, shape, length, mass, inertia, told):
+    """With those of masses, and of inertias in view of both."""
+    suspects = rods(tmp_path, mass, inertia, shape, length=length).suspects
+    assert [note.split("?")[0] for note in suspects] == told
+
+
+@pytest.mark.parametrize(
+    ("low", "high", "told"),
+    [
+        (-90, 180, True),
+        (0, 145, True),
+        (-6.3, 6.3, False),
+        (-12.5, 12.5, False),
+        (-1e4, 1e4, False),
+    ],
+)
+def test_joint_limits_in_degrees_are_told(tmp_path, low, high, told):
+    suspects = rods(tmp_path, hinge=LIMIT.format(low, high)).suspects
+    assert [note.split("?")[0] for note in suspects] == ["joint limits in degrees"] * told
+
+
+def test_a_joint_that_mimics_none_moves_alone(tmp_path):
+    made = rods(tmp_path, hinge=LIMIT.format(-1, 1) + '<mimic joint="gone"/>')
+    assert made.notes == ["moved alone, as its <mimic> names 'gone', which is no joint: j1, j2, j3"]
+    assert not list(made.root.iter("mimic"))
 
 
 @pytest.mark.parametrize("value", [1.0, 0.5, 10.0])

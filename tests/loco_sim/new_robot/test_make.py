@@ -303,6 +303,17 @@ def test_a_refusal_of_the_trial_leaves_nothing_behind(tmp_path, monkeypatch):
     assert sorted(p.name for p in tmp_path.iterdir()) == ["cut.stl", "r.urdf"]
 
 
+def test_other_units_are_told_before_what_follows_from_them(tmp_path, monkeypatch):
+    heavy = GOOD.replace('<mass value="1"', '<mass value="1e5"')
+    result = make(written(tmp_path, heavy), tmp_path / "heavy")
+    assert result.notes[0].startswith("masses in g?")
+    assert not [note for note in result.notes if "correct <limit effort>" in note]
+    misses = trial.Outcome("joint 'elbow' misses its swing", missed=("elbow",))
+    monkeypatch.setattr(trial, "swing", lambda robot, amplitude: misses)
+    with pytest.raises(ParameterError, match="masses in g.* As it is written: no gains were found"):
+        make(tmp_path / "r.urdf", tmp_path / "out")
+
+
 def test_a_joint_that_no_gains_move_is_locked_with_those_that_mimic_it(tmp_path, monkeypatch):
     inertia = '<inertia ixx="0.1" iyy="0.1" izz="0.1" ixy="0" ixz="0" iyz="0"/>'
     inertial = f'<inertial><mass value="1"/>{inertia}</inertial>'

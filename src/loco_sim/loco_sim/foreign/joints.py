@@ -21,8 +21,13 @@ def cure(root: ET.Element, notes: Notes) -> None:
         root: Element of the robot, changed in place.
         notes: Collects what was changed.
     """
+    names = {joint.get("name") for joint in root.findall("joint")}
     for joint in root.findall("joint"):
         kind, name = joint.get("type"), joint.get("name") or ""
+        for mimic in joint.findall("mimic"):
+            if (leader := mimic.get("joint")) not in names - {name}:
+                joint.remove(mimic)
+                notes.add(f"moved alone, as its <mimic> names {leader!r}, which is no joint", name)
         if kind == "spherical":
             _split(root, joint)
             notes.add("ball joints are three hinges each", name)

@@ -33,19 +33,24 @@ class Tidied:
         Raises:
             ParameterError: The file is not a readable robot description.
         """
-        self._notes = Notes()
+        self._notes, self._suspects = Notes(), Notes()
         self.root, self.rotors = read(path, self._notes)
         folder = path.resolve().parent
         self._vectors()
         geometry.cure(self.root, folder, self._notes)
-        units.check(self.root, folder, self._notes)
+        units.check(self.root, folder, self._notes, self._suspects)
         joints.cure(self.root, self._notes)
         weight.cure(self.root, folder, self._notes)
 
     @property
     def notes(self) -> list[str]:
-        """Repairs, each with the names of the repaired links or joints."""
-        return self._notes.sentences()
+        """Suspected units, then repairs with the names of the repaired links or joints."""
+        return [*self.suspects, *self._notes.sentences()]
+
+    @property
+    def suspects(self) -> list[str]:
+        """Units of the file that are probably others, which most other faults follow from."""
+        return self._suspects.sentences()
 
     def _vectors(self) -> None:
         """Remove commas from vectors, and numbers after the third."""

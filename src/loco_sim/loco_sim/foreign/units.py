@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Consistency check of the units of lengths, masses and inertias of a robot (m, kg, kg·m²).
+"""Consistency check of the units of a robot (m, kg, kg·m², rad).
 
 A body of mass m with a bounding box of diagonal d has a moment of inertia of at most m d² / 4, and
 a density between foam and lead. If most links are far outside, the file uses other units, which is
@@ -8,9 +8,10 @@ noted with the likely unit. Only meshes in mm are scaled, as other lengths show 
 
 from __future__ import annotations
 
+import itertools
 import xml.etree.ElementTree as ET
 from collections import Counter
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -29,7 +30,12 @@ WRONG = 30.0  # value of the same ratio at which an inertia is noted: 1000 SHARE
 DENSE = 3e4  # density of the bounding box of a link: heavier than lead [kg/m³]
 BULKY = 2e4  # mass / cube of the largest length, for a robot without shapes [kg/m³]
 FILLERS = 3  # links with equal, impossible moments: placeholders
-UNITS = {1e3: "g·m²", 1e6: "kg·mm²", 1e9: "g·mm²"}  # number of units per kg·m²
+# number of units per kg·m²
+UNITS = {1e3: "g·m²", 1e4: "kg·cm²", 1e6: "kg·mm²", 1e7: "g·cm²", 1e9: "g·mm²"}
+LENGTHS = {1e3: "mm", 1e2: "cm"}  # number of units per m
+THIN = 1e-2  # mass / cube of the largest joint distance: thinner than air [kg/m³]
+USUAL_LENGTH, USUAL_DENSITY = 0.3, 200.0  # joint distance [m] and mass / its cube [kg/m³] (taste)
+TURNED = 4.0 * np.pi, 720.0  # range of limits of hinges that are more likely degrees [rad]
 
 
 @dataclass(frozen=True)
@@ -58,22 +64,33 @@ class Size:
         return max(float(np.linalg.norm(self.box)), self.joints)
 
 
-def check(root: ET.Element, folder: Path, notes: Notes) -> None:
-    """Scale meshes that are in mm, and note masses and inertias in other units.
+def check(root: ET.Element, folder: Path, notes: Notes, suspects: Notes) -> None:
+    """Scale meshes that are in mm, and note numbers in other units.
 
     Args:
         root: Element of the robot; the scale of meshes is changed in place.
         folder: Folder of relative mesh files.
-        notes: Collects the findings.
+        notes: Collects changes and findings of single links.
+        suspects: Collects units of the whole file that are probably others.
     """
     try:
         _meshes(root, folder, notes)
         sizes = [_size(root, link, folder) for link in root.findall("link")]
+        limits = {kind: _largest_limits(root, kind) for kind in ("revolute", "prismatic")}
     except (AttributeError, IndexError, StopIteration, TypeError, ValueError):
         return  # not a number; reported by the check of the URDF
     sizes = [size for size in sizes if size.mass > 0.0 and np.isfinite(size.moment)]
-    grams = _masses(sizes, notes)
-    _inertias(sizes, 1e3 if grams else 1.0, notes)
+    mass_scale = 1e3 if _masses(sizes, suspects) else 1.0
+    length_scale, mass_scale = _lengths(sizes, suspects) or (1.0, mass_scale)
+    scaled = [
+        replace(size, mass=size.mass / mass_scale, box=size.box / length_scale,
+                joints=size.joints / length_scale)
+        for size in sizes
+    ]  # fmt: skip
+    _inertias(scaled, notes, suspects)
+    longest = max(LARGE, BEYOND * max((size.diagonal for size in scaled), default=0.0))
+    _ranges(limits["revolute"], *TURNED, "rad", ("joint limits in degrees", "by 57.3"), suspects)
+    _ranges(limits["prismatic"], longest, np.inf, "m", ("slides in mm", "by 1000"), suspects)
 
 
 def _joint_reach(root: ET.Element, link: str) -> float:
@@ -137,7 +154,62 @@ def _meshes(root: ET.Element, folder: Path, notes: Notes) -> None:
             )
 
 
-def _masses(sizes: list[Size], notes: Notes) -> bool:
+def _lengths(sizes: list[Size], suspects: Notes) -> tuple[float, float] | None:
+    """Factors by which lengths and masses are too large; None if lengths are in m.
+
+    Of all units of both, those are taken with which size and density are most usual.
+    """
+    total, length = sum(size.mass for size in sizes), max((s.joints for s in sizes), default=0.0)
+    if not (length > LARGE and 0.0 < total < THIN * length**3):
+        return None
+
+    def unusual(length_scale: float, mass_scale: float) -> float:
+        density = total / mass_scale / (length / length_scale) ** 3 / USUAL_DENSITY
+        return abs(np.log(density)) / 3.0 + abs(np.log(length / length_scale / USUAL_LENGTH))
+
+    length_scale, mass_scale = min(
+        itertools.product(LENGTHS, (1.0, 1e3)), key=lambda units: unusual(*units)
+    )
+    masses = (" and masses in g", " and all masses by 1000") if mass_scale > 1.0 else ("", "")
+    suspects.add(
+        f"lengths in {LENGTHS[length_scale]}{masses[0]}? Joints are {length:.4g} m apart in a "
+        f"robot of {total:.4g} kg; if so, divide all lengths by {length_scale:.4g}{masses[1]}"
+    )
+    return length_scale, mass_scale
+
+
+def _largest_limits(root: ET.Element, kind: str) -> dict[str, float]:
+    """Largest limit of each joint of a type that has limits [rad or m]."""
+    largest = {}
+    for joint in root.findall("joint"):
+        limit = joint.find("limit") if joint.get("type") == kind else None
+        values = [0.0 if limit is None else float(limit.get(k, 0.0)) for k in ("lower", "upper")]
+        largest[joint.get("name") or ""] = max(map(abs, values))
+    return {name: value for name, value in largest.items() if value > 0.0}
+
+
+def _ranges(
+    limits: dict[str, float], low: float, high: float, unit: str, labels: tuple[str, str],
+    suspects: Notes,
+) -> None:  # fmt: skip
+    """Note limits of joints in another unit, if most are in a range that joints do not have.
+
+    Args:
+        limits: Largest limit of each joint [rad or m].
+        low: Start of that range.
+        high: End of that range, above which limits mean none.
+        unit: Unit of these.
+        labels: The other unit, and by what to divide.
+        suspects: Collects the finding.
+    """
+    outside = {name: end for name, end in limits.items() if low < end <= high}
+    if 2 * len(outside) > len(limits):
+        name = max(outside, key=outside.get)
+        sentence = f"{labels[0]}? {name} moves up to {outside[name]:.4g} {unit}"
+        suspects.add(f"{sentence}; if so, divide them {labels[1]}")
+
+
+def _masses(sizes: list[Size], suspects: Notes) -> bool:
     """Whether masses are in g, which is noted."""
     boxed = [size for size in sizes if size.box.min() > 0.0]
     total = sum(size.mass for size in sizes)
@@ -152,20 +224,20 @@ def _masses(sizes: list[Size], notes: Notes) -> bool:
         what = f"the robot weighs {total:.4g} kg with joints {length:.2g} m apart"
     if not dense > limit:
         return False
-    notes.add(f"masses in g? {what}, {dense:.2g} kg/m³; if so, divide all masses by 1000")
+    suspects.add(f"masses in g? {what}, {dense:.2g} kg/m³; if so, divide all masses by 1000")
     return True
 
 
-def _inertias(sizes: list[Size], heavy: float, notes: Notes) -> None:
+def _inertias(sizes: list[Size], notes: Notes, suspects: Notes) -> None:
     """Note inertias in other units, implausible inertias of single links, and placeholders of 1.
 
     Args:
-        sizes: Links with a mass.
-        heavy: Factor by which masses are too large.
-        notes: Collects the findings.
+        sizes: Links with a mass, in kg and m.
+        notes: Collects findings of single links.
+        suspects: Collects another unit of all inertias.
     """
     whole = [size for size in sizes if size.diagonal > 0.0 and size.moment > 0.0]
-    ratio = {s.name: s.moment / (s.mass / heavy * s.diagonal**2 / 4.0) for s in whole}
+    ratio = {s.name: s.moment / (s.mass * s.diagonal**2 / 4.0) for s in whole}
     repeated = Counter(size.written for size in whole if size.written == size.written)
     for size in whole:
         filler = size.written == 1.0 or repeated[size.written] >= FILLERS
@@ -178,7 +250,7 @@ def _inertias(sizes: list[Size], heavy: float, notes: Notes) -> None:
     middle = float(np.median(list(ratio.values())))
     if middle > WRONG:
         unit = min(UNITS, key=lambda times: abs(np.log10(middle / times / SHARE)))
-        notes.add(
+        suspects.add(
             f"inertias in {UNITS[unit]}? They are {middle:.2g} times m d²/4 of the links, of which "
             f"no body has more than 1; if so, divide them by {unit:.0e}".replace("e+0", "e")
         )

@@ -102,6 +102,10 @@ class Draft:
         """Set limits of joints without usable ones; arguments as of `limits.guess`."""
         guessed, notes = guess(self.root, body, loads, wheels, self.size, rng, only)
         self.guessed_limits = list(dict.fromkeys([*self.guessed_limits, *guessed]))
+        if notes and self.tidied.suspects:
+            notes = [
+                f"effort limits of {len(notes)} joints, far below what this needs, are not used"
+            ]
         self.notes += notes
 
     @property

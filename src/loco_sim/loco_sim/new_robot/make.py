@@ -74,6 +74,18 @@ def make(urdf: Path, out: Path) -> Result:
     if out.exists():
         raise ParameterError(f"{out} exists already; give another folder with --out")
     draft = Draft(urdf, Tidied(urdf))
+    try:
+        return _made(draft, out)
+    except ParameterError as error:
+        if not draft.tidied.suspects:
+            raise
+        effect = str(error).removeprefix(f"{urdf}: ")
+        units = "; ".join(draft.tidied.suspects)
+        raise ParameterError(f"{urdf}: {units}. As it is written: {effect}") from None
+
+
+def _made(draft: Draft, out: Path) -> Result:
+    urdf = draft.urdf
     _refuse(urdf, draft, bolted=True)
     if not draft.description().joint_types():
         raise ParameterError(f"{urdf}: no joint of it moves, so there is nothing to drive")

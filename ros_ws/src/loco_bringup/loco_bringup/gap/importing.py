@@ -21,6 +21,7 @@ from loco_learning.gap.recordings.record import Doubt, Record
 from loco_learning.gap.recordings.tracks import Track
 from loco_sim import lazy
 from loco_sim.foreign.read import stem
+from loco_sim.foreign.tidy import Tidied
 from loco_sim.plant import model as models
 from loco_sim.robot import robot as robots
 from loco_sim.robot.robot import Robot
@@ -97,6 +98,8 @@ def _drafted(
             _fitting(draft_file.read_text(encoding="utf-8"), mapping.load(mapping_file), robot),
         )
     if is_drafted:
+        description = draft_file.with_name(f"{stem(source)}.urdf")
+        notes = [*map(Doubt, Tidied(description).suspects), *notes]  # they explain all that follows
         keys = re.findall(r"^(\w+):.*# guessed", draft_file.read_text(encoding="utf-8"), re.M)
         notes.append(Doubt(f"{draft_file} is a draft, to be corrected; guessed: {', '.join(keys)}"))
     return robot, mapping_file, tuple(notes)
