@@ -203,7 +203,7 @@ def test_power_weakens_servos_and_switches_drives_off():
     [
         ("hyq", {}, "not bolted"),
         ("tigrillo", {}, "not bolted"),
-        ("servo_pendulum", {}, "round and rustle"),
+        ("servo_pendulum", {}, "round and have noise"),
         ("tigrillo", {"fixed_base": True, "height": 0.1, "sensors.exact": True}, "the ground"),
     ],
 )

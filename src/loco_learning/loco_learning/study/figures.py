@@ -25,6 +25,7 @@ TARGET = "#8cc5ea"
 COMPONENT = "{} component [-]"
 VERDICT = ("nrmse", "amplitude", "slip", "lag", "frequency")
 
+
 def _variants(results: Sequence[CaseResult]) -> dict[str, list[CaseResult]]:
     groups: dict[str, list[CaseResult]] = {}
     for result in results:
@@ -52,7 +53,7 @@ def nrmse_over_time(study: Any, results: Sequence[CaseResult]) -> Chart:
     """Smoothed NRMSE of all trials over time, as figure 8.3; a dot where the robot fell."""
     layers = []
     for i, (variant, cases) in enumerate(_variants(results).items()):
-        name, colour = f"{variant.upper()} ({len(cases)} trials)", _colour(variant, i)
+        name, colour = f"{variant.upper()} (trials: {len(cases)})", _colour(variant, i)
         with_error = [case for case in cases if "error" in case.curves]
         layers += [line(name, c.curves["error_t"], c.curves["error"], colour) for c in with_error]
         fallen_cases = [c for c in with_error if c.verdict["fall"]]

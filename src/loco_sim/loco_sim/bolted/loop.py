@@ -302,7 +302,7 @@ def needs_engine(robot: Robot, effects: Sequence[Effect] = ()) -> str:
     if not robot.fixed_base or not robot.equipped or robot.height is None:
         return "it has no drives in its robot.yaml, or is not bolted at a height"
     if robot.sensors and not robot.sensors.exact:
-        return "its sensors round and rustle"
+        return "its sensors round and have noise"
     acting = [effect for effect in effects if not effect.absent()]
     for effect, pull in pulls(acting):
         if pull is None:

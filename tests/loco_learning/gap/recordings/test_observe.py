@@ -34,6 +34,10 @@ def test_what_does_not_move_says_nothing_of_its_step():
     assert observe.steps([track(0.0 * T)]) == {}
 
 
+def test_even_stamps_do_not_jitter():
+    assert observe.stamps([track(T)])["dq"]["jitter_ms"] == 0.0
+
+
 def test_cut_off_signals_are_told():
     wave = np.sin(3.0 * T) + 0.01 * np.random.default_rng(0).normal(size=len(T))
     notes = observe.notes([track(wave.clip(-0.8, 2.0), "tau")], 200.0, 4.5)

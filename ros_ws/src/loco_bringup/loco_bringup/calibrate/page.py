@@ -48,7 +48,7 @@ def _header(result: Result) -> Markup:
         f"Body parameters of {result.robot} fitted by CMA-ES to the recording "
         f"{result.comparisons[0].name}; {len(result.fits)} searches."
     )
-    label = [html.verdict(SURROGATE, False)] if result.surrogate else []
+    label = [html.missing(SURROGATE)] if result.surrogate else []
     return html.join([html.paragraph(text, soft=True), *label, html.cards(cards)])
 
 

@@ -277,20 +277,18 @@ def _time(seconds: float) -> str:
     return f"{max(1, round(seconds))} s" if seconds < 100.0 else f"{round(seconds / 60.0)} min"
 
 
-def headline(found: Checked) -> str:
-    """Verdict and counts in one line."""
+def visible(found: Checked) -> str:
+    """Number of candidate effects that the data would reveal, in one line."""
     n = counts(found)
-    if not found["effects"]:
-        return str(found["verdict"])
     return (
-        f"{found['verdict']}: of {sum(n.values())} effects at a place {n[YES]} show at their usual "
-        f"size, {n[LARGE]} only if they are large, {n[NO]} not at all"
+        f"of {sum(n.values())} effects at a place, {n[YES]} are visible at their usual size, "
+        f"{n[LARGE]} only if large, {n[NO]} not at all"
     )
 
 
 def show(found: Checked) -> None:
     """Print the result."""
-    console.print(headline(found))
+    console.print(": ".join([found["verdict"], *[visible(found)] * bool(found["effects"])]))
     for line in sentences(found):
         console.print(f"  {line}")
     console.print(table("", RECORDING_HEAD, recording_rows(found)))
@@ -306,7 +304,7 @@ def page(found: Checked) -> str:
     head = html.join(
         [
             html.verdict(found["verdict"], found["verdict"] not in (REFUSED, WRONG)),
-            html.paragraph(html.strong(headline(found))),
+            *[html.paragraph(html.strong(visible(found).capitalize()))] * bool(found["effects"]),
             *(html.missing(line) for line in sentences(found)),
             html.paragraph(f"{search_line(found)[0].upper()}{search_line(found)[1:]}.", soft=True),
         ]

@@ -139,7 +139,7 @@ def _where(result: Mapping[str, Any], curves: Curves) -> Markup:
 
 def _missed(result: Mapping[str, Any], curves: Curves) -> Markup:
     drawn = html.figure(lambda: plots.missed(curves), "Gap over time", _MISSED)
-    return html.folded(f"{len(curves.channels)} channels, value by value", drawn)
+    return html.folded("Each channel, value by value", drawn)
 
 
 def _tried(result: Mapping[str, Any]) -> Markup:

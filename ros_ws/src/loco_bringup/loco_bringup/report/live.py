@@ -69,7 +69,7 @@ def header(run: LiveRun) -> Markup:
     return html.join(
         [
             html.paragraph(robots, soft=True),
-            html.verdict(_SURROGATE, False),
+            html.missing(_SURROGATE),
             html.verdict(f"{phase}: {text}", phase == "done"),
             html.cards(cards),
         ]

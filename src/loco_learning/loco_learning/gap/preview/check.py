@@ -217,17 +217,17 @@ def missing(records: Sequence[Record], robots: Sequence[Robot]) -> list[str]:
                      "experiments` writes some that do")  # fmt: skip
     signals = {name for r in records for name in r.signals if r.has(name)}
     if "tau" not in signals:
-        notes.append("no joint torques: an error of a torque and one of a mass are told apart by "
-                     "the shape of the motion alone")  # fmt: skip
+        notes.append("no joint torques: errors of torque and of mass differ only in the shape of "
+                     "the motion")  # fmt: skip
     if not all(r.fixed_base for r in robots):
         if "gyro" not in signals and "base_orientation" not in signals:
             notes.append("no IMU on a robot that is free: how its trunk moves is not known")
         if not any(r.fixed_base for r in robots):
-            notes.append("no recording in the air: what is in the joints is told apart from what "
-                         "is at the feet more surely with one")  # fmt: skip
+            notes.append("no recording in the air: with one, effects in the joints are separated "
+                         "more surely from those at the feet")  # fmt: skip
     if len(records) == 1:
-        notes.append("one recording: its last third judges; a second one with another motion "
-                     "judges better")  # fmt: skip
+        notes.append("one recording: its last third is held out; a second recording of another "
+                     "motion is a better test")  # fmt: skip
     return notes
 
 

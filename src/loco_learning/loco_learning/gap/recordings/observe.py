@@ -108,7 +108,7 @@ def stamps(tracks: Sequence[Track]) -> dict[str, dict[str, float]]:
         usual = float(np.median(step))
         count = np.maximum(np.round(step / usual), 1.0)
         jitter = np.median(np.abs(step - usual * count)) * DEVIATION / np.sqrt(2.0)  # two stamps
-        one = {"rate": 1.0 / usual, "jitter_ms": 1e3 * float(jitter),
+        one = {"rate": 1.0 / usual, "jitter_ms": round(1e3 * float(jitter), 6),  # of stamps in ns
                "missing": float(np.sum(count - 1.0)), "silence": float(step.max())}  # fmt: skip
         current = by_role.setdefault(track.role, one)
         if (one["missing"], one["jitter_ms"]) > (current["missing"], current["jitter_ms"]):

@@ -62,12 +62,12 @@ async function drawChart(figure, data) {
   const mine = data.panels.map((panel) => frame(frames, panel));
   data.panels.forEach((panel, k) => panel.layers.forEach((layer) => {
     if (!layer.count || !layer.name) return;
-    if (!names.has(layer.name)) names.set(layer.name, { color: layer.color, places: [] });
+    if (!names.has(layer.name)) names.set(layer.name, { places: [] });
     names.get(layer.name).places.push([mine[k], layer]);
-    names.get(layer.name).color = layer.color;  // of a dark mark on a pale one that of the mark
+    Object.assign(names.get(layer.name), { color: layer.color, dashed: layer.dashed });  // of a dark mark on a pale one those of the mark
   }));
-  for (const [name, { color, places }] of names) {
-    toggle(legend, name, color, (show) => places.forEach(([drawn, layer]) => { layer.shown = show; drawn(); }));
+  for (const [name, { color, dashed, places }] of names) {
+    toggle(legend, name, color, dashed, (show) => places.forEach(([drawn, layer]) => { layer.shown = show; drawn(); }));
   }
   button(legend, "Whole").addEventListener("click", () => mine.forEach((drawn, k) => { data.panels[k].view = null; drawn(); }));
   button(legend, "Save CSV").addEventListener("click", () => save(data.title,
@@ -199,7 +199,8 @@ function grid(svg, panel, across, up, x, y, size) {
     shape(svg, "line", { class: "grid", x1: size.left, x2: size.right, y1: at, y2: at });
     shape(svg, "text", { x: size.left - 6, y: at + 4, "text-anchor": "end" }, cut(name, size.left - 8));
   }
-  shape(svg, "text", { class: "axis", x: (size.left + size.right) / 2, y: size.bottom + 31, "text-anchor": "middle" }, panel.x.label);
+  const label = shape(svg, "text", { class: "axis", y: size.bottom + 31, "text-anchor": "middle" }, panel.x.label);
+  label.setAttribute("x", Math.min((size.left + size.right) / 2, size.right + 12 - label.getComputedTextLength() / 2));
 }
 // All marks of a layer as one path.
 function mark(parent, layer, x, y) {

@@ -56,9 +56,9 @@ function button(parent, text) {
   return made;
 }
 // A button of the legend that switches what has its name.
-function toggle(legend, name, color, change) {
+function toggle(legend, name, color, dashed, change) {
   const made = button(legend, ""), swatch = add(made, "i", "swatch");
-  swatch.style.background = color;
+  swatch.style.background = dashed ? `repeating-linear-gradient(90deg, ${color} 0 .3rem, transparent .3rem .4rem)` : color;
   made.append(name);
   made.className = "toggle";
   made.setAttribute("aria-pressed", "true");
@@ -90,11 +90,11 @@ async function drawPlot(figure, data) {
     const look = { stroke: () => ink("var(--soft)"), font: "11px system-ui, sans-serif",
       grid: { stroke: () => ink("var(--line)"), width: 1 }, ticks: { show: false } };
     const chart = new uPlot({
-      width: figure.clientWidth, height: last ? 165 : 130, legend: { show: false },
+      width: figure.clientWidth, height: data.panels.length === 1 ? 220 : last ? 160 : 130, legend: { show: false },
       scales: { x: { time: false, distr: data.log ? 3 : 1 },
         y: { distr: panel.log ? 3 : 1, ...(panel.limits ? { range: panel.limits } : {}) } },
       cursor: { drag: { x: true, y: false }, points: { size: 6 }, sync: { key: data.axis, scales: ["x", null] } },
-      axes: [{ ...look, size: last ? 46 : 16, label: last ? data.axis : undefined, labelSize: 18,
+      axes: [{ ...look, size: last ? 28 : 16, label: last ? data.axis : undefined, labelSize: 18,
           labelFont: "12px system-ui, sans-serif", values: last ? undefined : (u, ticks) => ticks.map(() => "") },
         { ...look, ...(panel.log ? { grid: { ...look.grid, filter: tens } } : {}), size: 58, values: (u, ticks) => ticks.map((v) => (v == null ? "" : brief(v))) }],
       series: [{}, ...panel.lines.map((line) => ({ label: line.name, width: line.width, stroke: () => ink(line.color),
@@ -110,14 +110,14 @@ async function drawPlot(figure, data) {
       },
     }, [x, ...own], figure);
     panel.lines.forEach((line, k) => {
-      if (!names.has(line.name)) names.set(line.name, { color: line.color, places: [] });
+      if (!names.has(line.name)) names.set(line.name, { ...line, places: [] });
       names.get(line.name).places.push([chart, k + 1]);
     });
     if (data.view) chart.setScale("x", { min: data.view[0], max: data.view[1] });
     charts.push(chart); mine.push(chart);
   });
-  for (const [name, { color, places }] of names) {
-    toggle(legend, name, color, (show) => places.forEach(([chart, series]) => chart.setSeries(series, { show })));
+  for (const [name, { color, dashed, places }] of names) {
+    toggle(legend, name, color, dashed, (show) => places.forEach(([chart, series]) => chart.setSeries(series, { show })));
   }
   const whole = button(legend, "Whole"), csv = button(legend, "Save CSV");
   whole.addEventListener("click", () => charts.filter((c) => c.cursor.sync.key === data.axis).forEach((c) =>
