@@ -75,7 +75,7 @@ def test_every_verdict_is_one_sentence_without_names_of_code(verdict):
 def test_words_say_what_where_and_how_big():
     (line,) = text.term_lines(result())
     assert line.startswith("coulomb friction in pivot: torque 0.0512 N·m (0.047 to 0.056)")
-    assert "over 1000 : 1" in line
+    assert line.endswith("; probability 0.96")
     assert "14.2 noise floors before, 1.32 after; share closed 94 %" in text.gap_line(result())
     assert "(of the rms above the noise floor)" in text.gap_line(result())
     line = text.gap_line(result("unknown"))  # nothing is added to the model
@@ -186,10 +186,10 @@ def test_a_page_of_little_is_drawn_too():
 
 
 def test_a_setting_that_overthrows_a_name_is_on_the_page():
-    row = {"vary": "split", "setting": "steps judges", "names": [], "odds": 0.02, "against": [],
-           "closed": -0.4, "flips": True}  # fmt: skip
+    row = {"vary": "split", "setting": "steps judges", "names": [], "probability": 0.02,
+           "closed": -0.4}  # fmt: skip
     words = " ".join(Reader(pages.page(result(over_settings=[row]), curves())).words)
-    assert "steps judges nothing 0.02 : 1 nothing -40 %" in words
+    assert "steps judges nothing 0.02 -40 %" in words
     assert "hang on a setting" not in " ".join(Reader(pages.page(result(), curves())).words)
 
 

@@ -56,28 +56,20 @@ def test_late_stamps_may_be_named_but_are_not_asked_for():
     assert f["by condition"]["late"]["cases"] == 2
 
 
-def test_verdicts_by_probabilities_are_scored_on_the_same_searches():
-    """A name that the rules do not give, one that they give wrongly, and P told."""
-    beside = {"ambiguous": [], "kinds": {}, "places": {}}
-    name = {"verdict": "named", "names": ["coulomb_friction"], **beside}
-    none = {"verdict": "unknown", "names": [], **beside}
-    found = [
-        {**result("unknown"), "probability": {**name, "effects": {"coulomb_friction": 0.97}}},
-        {**result("named", [term("backlash", "lf_hfe_joint")]),
-         "probability": {**none, "effects": {"backlash": 0.25, "coulomb_friction": 0.5}}},
-    ]  # fmt: skip
+def test_probabilities_are_compared_with_the_share_of_right_effects():
+    effects = [{"coulomb_friction": 0.97}, {"backlash": 0.25, "coulomb_friction": 0.5}]
+    found = [{**result("unknown"), "probability": {"effects": each}} for each in effects]
     rows = [score.row(truth(FRICTION), one) for one in (*found, result("unknown"))]
-    f = score.figures(rows)["by probability"]
-    assert f["cases"] == 2 and (f["right"], f["right by the rules"]) == (0.5, 0.0)
-    assert (f["false names"], f["false names by the rules"]) == (0.0, 0.5)
+    f = score.figures(rows)["calibration"]
+    assert f["probabilities"] == 3
     assert f["probability told"] == pytest.approx((0.97 + 0.25 + 0.5) / 3)
     assert f["share right"] == pytest.approx(2 / 3)
     assert f["Brier score"] == pytest.approx((0.03**2 + 0.25**2 + 0.5**2) / 3)
     assert f["calibration error"] == pytest.approx((0.03 + 0.25 + 0.5) / 3)
-    assert "## Verdicts by probabilities" in score_text.markdown(score.figures(rows), rows, "t")
+    assert "## Calibration" in score_text.markdown(score.figures(rows), rows, "t")
     bare = score.figures(rows[2:])
-    assert bare["by probability"]["Brier score"] is None
-    assert "probabilities" not in score_text.markdown(bare, rows[2:], "t")
+    assert bare["calibration"]["Brier score"] is None
+    assert "## Calibration" not in score_text.markdown(bare, rows[2:], "t")
 
 
 def test_names_under_other_settings_are_counted_where_any_is_given():

@@ -91,7 +91,7 @@ class Gap:
 
     @property
     def terms(self) -> list[dict[str, Any]]:
-        """Added effects: name, place, parameters with intervals and units, odds."""
+        """Added effects: name, place, parameters with intervals and units, probability."""
         return list(self.result.get("terms") or ())
 
     @property

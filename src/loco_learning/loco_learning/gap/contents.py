@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from loco_control.params import to_dict
+from loco_sim.effects.base import EFFECTS
 from loco_sim.plant.model import Model
 
 from ..plain import plain
@@ -24,14 +25,12 @@ from .prediction import horizon
 from .prediction.case import Case
 from .prediction.channels import ON_SLIDES, Channel, slides
 from .prediction.nominal import written
-from .probability import verdict as by_probability
-from .probability.weights import weigh
+from .probability.weights import CRITERION, Weights, places
 from .proposals.following import following
 from .recordings.record import Doubt, Record
 from .statistics import evidence, identify
-from .verdict import kinds, rounding, scale
-from .verdict.candidates import Candidate
-from .verdict.decide import AMBIGUOUS, MORE, NAMED, NO_GAP, UNKNOWN, Ruling, lacks
+from .verdict import rounding, scale
+from .verdict.decide import AMBIGUOUS, MORE, NAMED, NO_GAP, UNKNOWN, Decision
 from .verdict.judge import Judged
 from .verdict.traded import put_right
 
@@ -39,7 +38,9 @@ FORMAT = 1
 WHERE, LEARNED = 3, 6  # keys of random streams
 FEW_JOINTS = 3  # joints listed by name
 MOST_CELLS = 40  # cells listed at most
-EMPTY = {"probability": {}, "where": [], "regions": [], "identifiability": {}, "correction": None,
+LIKELY = 0.01  # probability of a place from which on it is listed
+LEAST_CLOSED = 0.163  # share of the rms above noise: 30 % of the energy (taste)
+EMPTY = {"where": [], "regions": [], "identifiability": {}, "correction": None,
          "residual": None, "next": []}  # fmt: skip
 
 NOT_LEARNED = (
@@ -81,7 +82,8 @@ def contents(
             "rivals": rivals(judged) if with_gap else [],
             "over_settings": [row.plain for row in judged.over_settings],
             "ambiguous": [list(group) for group in decision.ambiguous],
-            "kinds": kinds_of(judged) if with_gap else [],
+            "kinds": kinds_of(judged.weights, decision) if with_gap else [],
+            "probability": probabilities(judged.weights, judged.best) if with_gap else {},
             "gap": gap(case, judged.given, after),
             "alarms": [*judged.alarms, *warnings],
             "align": [f"{r.name}: {note}" for r in case.records for note in r.notes],
@@ -98,7 +100,10 @@ def contents(
             "settings": to_dict(params),
             "model": {
                 "robot": model.robot,
-                "overrides": {**model.overrides, **written(case.forward.given(), put_right(case, after))},
+                "overrides": {
+                    **model.overrides,
+                    **written(case.forward.given(), put_right(case, after)),
+                },
                 "effects": [*model.effects, *after.specs],
             },
             **EMPTY,
@@ -106,12 +111,15 @@ def contents(
     )
 
 
-def probability(case: Case, judged: Judged, params: GapParams) -> dict[str, Any]:
-    """The verdict by probabilities, beside that of the rules."""
-    weights, forward = weigh(judged.models, params.seed), case.forward
-    enough = params.accuracy * np.nanstd(np.concatenate(forward.measured), axis=0) / case.floor
-    sliding = slides(forward.channels)
-    return by_probability.statement(weights, judged.given, judged.base, sliding, enough)
+def probabilities(weights: Weights, model: Fitted) -> dict[str, dict[str, float]]:
+    """Probabilities of the effects of a model, of their kinds and of their places, by name."""
+    kinds = sorted({EFFECTS[name].identity.kind for name in model.names} - {""})
+    where = sorted({p for h, _ in model.parts for p in places(h)} - {""})
+    return {
+        "effects": {name: weights.effect(name) for name in model.names},
+        "kinds": {kind: weights.kind(kind) for kind in kinds},
+        "places": {place: weights.place(place) for place in where},
+    }
 
 
 def doubts(records: Sequence[Record]) -> list[str]:
@@ -151,10 +159,7 @@ def details(
         params: Settings.
         each: Runs functions of the case in parallel, in any number of processes.
     """
-    verdict, items = judged.decision.verdict, [
-        Detail("probability", "weighing all models",
-               lambda notes: probability(case, judged, params)),
-    ]  # fmt: skip
+    verdict, items = judged.decision.verdict, []
     if verdict != NO_GAP:
         items += [
             Detail("where", "locating the gap", lambda notes: where(case, judged, params.seed)),
@@ -204,80 +209,72 @@ def _in_metres(parameter: Mapping[str, Any]) -> dict[str, Any]:
 
 def terms(judged: Judged) -> list[dict[str, Any]]:
     """Effects of the selected model with their evidence."""
-    pairs = zip(judged.candidates, judged.decision.rulings, strict=True)
-    return [_term(candidate, assessment) for candidate, assessment in pairs]
+    return [_term(judged, index) for index in range(len(judged.decision.rulings))]
 
 
-def _term(candidate: Candidate, ruling: Ruling) -> dict[str, Any]:
+def _term(judged: Judged, index: int) -> dict[str, Any]:
+    ruling, model = judged.decision.rulings[index], judged.best
+    without = judged.without[index] if judged.without else judged.base
+    closed = evidence.closed_by(without.whole, model.whole)
+    text = f"without it the rms is {without.held.rms:.3g} noise floors on held-out data and "\
+        f"{evidence.rms(without.whole):.3g} on all, with it {model.held.rms:.3g} and "\
+        f"{evidence.rms(model.whole):.3g}"  # fmt: skip
+    estimates = judged.estimates[model.parts[index][0].key]
+    for e in estimates:
+        if e.excludes_absent and e.low <= e.absent <= e.high:
+            size = f"{e.value:.3g} ± {e.with_shapes:.2g}" + f" {e.unit}" * (e.unit != "-")
+            text += f"; {e.name} is known only together with its other values: {size} with these"
     return {
-        "effect": candidate.name,
-        "place": candidate.place,
+        "effect": ruling.name,
+        "place": ruling.place,
         "places": list(ruling.places),
         "verdict": ruling.verdict,
+        "probability": ruling.probability,
         "parameters": {
             e.name: {"value": e.value, "low": e.low, "high": e.high, "unit": e.unit}
-            for e in candidate.estimates
+            for e in estimates
         },
-        "gain": _gain(candidate.gain),
-        "odds": ruling.odds,
-        "closed": candidate.closed,
+        "closed": closed,
         "look_alikes": list(ruling.look_alikes),
-        "evidence": ruling.evidence,
+        "evidence": text + ".",
     }
 
 
-def kinds_of(judged: Judged) -> list[dict[str, Any]]:
+def kinds_of(weights: Weights, decision: Decision) -> list[dict[str, Any]]:
     """Kinds of effects that the data establish although they do not establish the law."""
-    pairs = zip(judged.candidates, judged.decision.rulings, strict=True)
-    rows = [kinds.shared(candidate, assessment) for candidate, assessment in pairs]
-    return [asdict(one) for one in rows if one]
+    rows = []
+    for ruling in decision.rulings:
+        probability = weights.kind(ruling.kind) if ruling.kind else 0.0
+        if probability >= CRITERION.confidence:
+            names = sorted({ruling.name, *ruling.look_alikes})
+            where = {p for name in names for p, v in weights.places_of(name).items() if v > LIKELY}
+            rows.append({
+                "kind": ruling.kind, "places": sorted(where | {ruling.place}), "effects": names,
+                "probability": probability,
+            })  # fmt: skip
+    return rows
 
 
 def told_apart(case: Case, judged: Judged) -> dict[str, Any]:
     """Identifiability of the parameters, of refitted nominal values and of the torque scale."""
-    result = identifiability(judged.identifiability) | left_out(judged)
+    result = identifiability(judged.identifiability)
     if judged.decision.verdict in (NAMED, MORE, AMBIGUOUS):
         result["scale_of_the_torque"] = scale.words(case, judged.best)
     return result
 
 
-def left_out(judged: Judged) -> dict[str, Any]:
-    """Effects that were excluded because refitted nominal values have the same influence."""
-    present = {(h.effect, h.place) for h, _ in judged.best.parts}
-    rows = [
-        {
-            "effect": effect,
-            "place": place,
-            "value": name,
-            "goes_to": one.model.overrides[name],
-            "cosine": cosine,
-            "gap_would_fall_to": one.model.held.rms,
-        }
-        for one in judged.left_out
-        for effect, place, cosine in one.effects
-        for name in one.values
-        if (effect, place) not in present
-    ]
-    return {"cannot_be_told_from_free_values": rows} if rows else {}
-
-
 def rivals(judged: Judged, most: int = 8) -> list[dict[str, Any]]:
-    """Models with another effect, the hardest to exclude first."""
+    """Models with another effect, the most probable first."""
     base = judged.base.held.residuals
     return [
         {
             "names": list(model.names),
             "places": [h.place for h, _ in model.parts],
-            "odds": over.odds,
-            "gain": _gain(over),
+            "probability": probability,
             "closed": evidence.closed_by(base, model.held.residuals),
         }
-        for model, over in judged.rivals[:most]
+        for model, probability in judged.rivals[:most]
     ]
-
-
-def _gain(found: evidence.Comparison) -> dict[str, float]:
-    return {"mean": found.gain, "low": found.low, "high": found.high}
 
 
 def gap(case: Case, before: Fitted, after: Fitted) -> dict[str, Any]:
@@ -346,10 +343,16 @@ def learned(case: Case, judged: Judged, seed: int, each: residual.Each) -> dict[
     result = residual.fit(case, judged.after, each)
     if result is None:
         return {"kind": correction.KIND, "used": False, "effects": [], "says": NOT_LEARNED}
-    over = evidence.compare(result.after, result.before, np.random.default_rng([seed, LEARNED]))
+    rng = np.random.default_rng([seed, LEARNED])
+    logs = evidence.log_weights((result.after, result.before), 0, (0.0, 0.0), rng)
+    probability = float(1.0 / np.exp(np.logaddexp(*logs)))
     closed = evidence.closed_by(result.before.residuals, result.after.residuals)
     before, after = result.before.rms, result.after.rms
-    against = lacks(Candidate("learned_residual", "", (), over, closed, worse=before / after))
+    against = []
+    if probability < CRITERION.confidence:
+        against.append(f"its gain may be chance (probability {probability:.2f})")
+    if closed < LEAST_CLOSED:
+        against.append(f"it closes only {closed:.0%} of the gap")
     names, count = ", ".join(result.joints), len(result.joints)
     where = names if count <= FEW_JOINTS else f"{count} joints"
     text = (
@@ -366,7 +369,7 @@ def learned(case: Case, judged: Judged, seed: int, each: residual.Each) -> dict[
         "before": before,
         "after": after,
         "closed": closed,
-        "gain": _gain(over),
+        "probability": probability,
         "records": [
             {
                 "name": case.records[i].name,

@@ -38,7 +38,7 @@ from .setup import contents as setup_contents
 from .setup import family as setups
 from .setup import mend
 from .statistics.evidence import Score
-from .verdict.decide import has_gap
+from .statistics.leftover import has_gap
 from .verdict.judge import judge
 
 Report = Callable[[float, str, str], Any]

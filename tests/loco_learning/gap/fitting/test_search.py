@@ -10,7 +10,7 @@ from loco_learning.gap.fitting.screen import Screened
 from loco_learning.gap.fitting.search import Search, siblings
 from loco_learning.gap.hypotheses.hypotheses import Hypothesis
 from loco_learning.gap.prediction.case import Case
-from loco_learning.gap.verdict.decide import LIMITS, has_gap
+from loco_learning.gap.statistics.leftover import LIMITS, has_gap
 
 ROWS, RECORDS = 500, 4
 

@@ -120,7 +120,8 @@ def test_experiments_are_ranked_with_delays_as_they_are(bench, slide):
         judged = SimpleNamespace(
             base=SimpleNamespace(held=SimpleNamespace(residuals=[np.full((50, 1), 9.0)])),
             best=model("one", delay),
-            rivals=[(model("other", other), SimpleNamespace(odds=1.0))],
+            rivals=[(model("other", other), 0.5)],
+            probability=0.5,
             decision=SimpleNamespace(verdict="ambiguous"),
         )
         return following(slide.model, case, judged, [])[0]["odds"]

@@ -11,7 +11,7 @@ from loco_learning.gap.prediction import case as cases
 from loco_learning.gap.prediction.forward import Forward
 from loco_learning.gap.recordings import importing, mapping
 from loco_learning.gap.statistics import evidence
-from loco_learning.gap.verdict.decide import has_gap
+from loco_learning.gap.statistics.leftover import has_gap
 from loco_sim.plant.model import Model
 
 MASS, CENTRE, INERTIA, KP, KD, GRAVITY = 0.8, 0.2, 0.008, 12.0, 0.4, 9.81

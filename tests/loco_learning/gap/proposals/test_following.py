@@ -24,8 +24,11 @@ def model(name, size):
 
 
 def judged(best, rivals, gap=100.0):
-    pairs = [(rival, Some(odds=odds)) for rival, odds in rivals]
-    return Some(base=model("", gap), best=best, rivals=pairs)
+    """Models with the odds of the best one over each."""
+    sizes = [1.0, *(1.0 / odds for _, odds in rivals)]
+    values = np.array(sizes) / np.sum(sizes)
+    pairs = [(rival, value) for (rival, _), value in zip(rivals, values[1:], strict=True)]
+    return Some(base=model("", gap), best=best, rivals=pairs, probability=values[0])
 
 
 def test_causes_that_close_next_to_nothing_are_not_told_apart():

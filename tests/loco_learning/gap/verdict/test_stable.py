@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A name that hangs on a setting is none."""
+"""A name that depends on a setting is an alarm."""
 
 from __future__ import annotations
 
@@ -14,7 +14,6 @@ from loco_learning.gap.hypotheses.hypotheses import Hypothesis
 from loco_learning.gap.params import GapParams
 from loco_learning.gap.statistics import evidence
 from loco_learning.gap.verdict import stable
-from loco_learning.gap.verdict.decide import AMBIGUOUS, MORE, NAMED, UNKNOWN, Decision, Ruling
 from loco_sim.effects.coordinates import Coordinate
 
 RUBS, LAGS = "coulomb_friction", "actuator_lag"
@@ -53,39 +52,38 @@ def table():
     return make
 
 
-def decision(verdict=NAMED):
-    ruling = Ruling(RUBS, "knee", NAMED, 100.0, (), (), (), "It closes 90 % of the gap.")
-    return Decision(verdict, (ruling,), True, "With coulomb_friction the gap falls.")
-
-
-@pytest.mark.parametrize("verdict", [NAMED, MORE])
-def test_a_name_that_stays_keeps_its_verdict(table, verdict):
+def test_a_name_that_stays_is_no_alarm(table):
     rows = table([0.0, 0.0, 0.0], [5.0, 5.0, 5.0], [2.0, 2.0, 2.0])
     assert [r.vary for r in rows] == ["split"] * 3 + ["stretch"] * 2 + ["floor"] * 2
-    assert {r.names for r in rows} == {(RUBS,)} and not any(r.flips for r in rows)
-    given = decision(verdict)
-    assert stable.downgraded(given, rows) is given
+    assert {r.names for r in rows} == {(RUBS,)} and min(r.probability for r in rows) > 0.9
+    assert stable.alarms(rows) == ()
 
 
-def test_a_record_in_which_a_rival_wins_makes_the_name_ambiguous(table):
-    rows = table([0.0, 0.0, 3.0], [5.0, 5.0, 5.0], [2.0, 2.0, 0.0])
-    (flip,) = [r for r in rows if r.flips]
-    assert (flip.vary, flip.setting, flip.names) == ("split", "ramp judges", (LAGS,))
-    said = stable.downgraded(decision(), rows)
-    assert said.verdict == AMBIGUOUS and said.names == ()
-    assert said.ambiguous == ((LAGS, RUBS),) and "ramp judges" in said.evidence
-    assert stable.downgraded(decision(UNKNOWN), rows).verdict == UNKNOWN
+@pytest.mark.parametrize(
+    ("best", "base", "rivals", "names"),
+    [
+        ([0.0, 0.0, 3.0], [5.0, 5.0, 5.0], [[2.0, 2.0, 0.0]], (LAGS,)),
+        ([0.0, 0.0, 5.0], [5.0, 5.0, 0.0], [], ()),
+    ],
+)
+def test_a_record_in_which_another_answer_is_more_probable_is_an_alarm(
+    table, best, base, rivals, names
+):
+    rows = table(best, base, *rivals)
+    flip = min(rows, key=lambda r: r.probability)
+    assert (flip.vary, flip.setting, flip.names) == ("split", "ramp judges", names)
+    (alarm,) = stable.alarms(rows)
+    assert "split 'ramp judges'" in alarm and (" and ".join(names) or "nothing") in alarm
 
 
-def test_a_record_in_which_nothing_is_better_counts_too(table):
-    rows = table([0.0, 0.0, 5.0], [5.0, 5.0, 0.0])
-    said = stable.downgraded(decision(), rows)
-    assert said.verdict == AMBIGUOUS and "nothing has odds" in said.evidence
-
-
-def test_a_record_that_says_nothing_flips_nothing(table):
-    rows = table([0.0, 0.0, 0.0], [5.0, 5.0, 0.0], [4.0, 4.0, 0.0])
-    assert not any(r.flips for r in rows)
+def test_a_model_with_the_named_effect_and_another_one_still_has_the_name():
+    row = stable.Row("floor", "twice", (LAGS, RUBS), 0.9, 0.9)
+    assert stable.alarms([row]) == ()
+    lost = replace(row, setting="half", probability=0.2)
+    worse = replace(lost, setting="first half", names=(), probability=0.01)
+    assert "'first half' it has a probability of 0.01, and nothing" in stable.alarms(
+        [row, lost, worse]
+    )[0]  # fmt: skip
 
 
 def test_loud_records_judge_and_floors_shrink_what_is_left(table, monkeypatch):
@@ -190,26 +188,3 @@ def test_a_fit_from_where_it_was_is_short_and_gets_longer_with_the_model(refitte
         parts = tuple((replace(h, coordinates=(one,)), (1.0,)) for h, _ in model.parts)
         counts[len(effects)] = refitted(replace(model, parts=parts))[1]["evaluations"]
     assert counts[1] == stable.REFIT and counts[2] <= counts[1] and min(counts.values()) >= 4
-
-
-def test_what_the_other_answer_names_as_well_stays_named(table):
-    """A hardening spring stays one, whether its soft part is called this or that."""
-    whole = decision()
-    other = replace(whole.rulings[0], name="armature")
-    row = stable.Row("floor", "twice", (LAGS, RUBS), 0.2, (LAGS, RUBS), 0.9, True)
-    said = stable.downgraded(replace(whole, rulings=(*whole.rulings, other)), [row])
-    assert said.verdict == AMBIGUOUS and said.names == (RUBS,)
-    assert said.rulings[0] == whole.rulings[0]
-    assert said.ambiguous == ((LAGS, "armature"),)
-
-
-def test_the_verdict_tells_the_setting_with_the_worst_odds_and_all_names(table):
-    row = stable.Row("floor", "twice", (RUBS,), 5.0, (LAGS,), 0.9, False)
-    lost = replace(row, setting="half", names=(LAGS,), odds=0.2, against=(LAGS,), flips=True)
-    worse = replace(lost, setting="first half", names=("armature",), odds=0.01)
-    said = stable.downgraded(decision(), [row, lost, worse])
-    assert "'first half' armature has odds of 100 to 1" in said.evidence
-    assert said.ambiguous == (("actuator_lag", "armature", RUBS),)
-    assert said.rulings[0].odds == 1.0 and said.rulings[0].verdict == AMBIGUOUS
-    impossible = stable.downgraded(decision(), [replace(lost, odds=0.0)])
-    assert f"odds of {evidence.MOST_ODDS:.3g} to 1" in impossible.evidence

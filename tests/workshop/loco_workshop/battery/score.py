@@ -15,7 +15,6 @@ from typing import Any
 import numpy as np
 
 from loco_learning.gap.verdict.decide import MORE, NAMED
-from loco_learning.gap.verdict.kinds import kind_of
 from loco_sim.effects import EFFECTS
 
 from .ground import walkers
@@ -87,14 +86,17 @@ def row(truth: Mapping[str, Any], result: Mapping[str, Any]) -> dict[str, Any]:
         sorted(set(answer["names"]) - besides) if answer["verdict"] in SURE else []
         for answer in result.get("settings", [])
     ]
-    probable = result.get("probability")
-    cells["probable"] = row(truth, {**result, **probable, "probability": {}}) if probable else None
-    effects = (probable or {}).get("effects", {})
+    effects = (result.get("probability") or {}).get("effects", {})
     cells["probabilities"] = [(p, name in true) for name, p in effects.items()]
     later = result.get("followed")
     cells["experiment"] = later["experiment"] if later else ""
     cells["then"] = row(truth, later) if later else None
     return cells
+
+
+def kind_of(name: str) -> str:
+    """Kind of an effect; empty if it has none, or if there is no such effect."""
+    return EFFECTS[name].identity.kind if name in EFFECTS else ""
 
 
 def followed(rows: Sequence[Mapping[str, Any]]) -> list[Mapping[str, Any]]:
@@ -254,28 +256,21 @@ def figures(rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
         "held-out gap closed median": median(
             r["closed"] for r in [*larger, *pairs] if r["closed"] is not None),
         "held-out error": held_out(rows),
-        "by probability": by_probability(rows),
+        "calibration": calibration(rows),
     }  # fmt: skip
 
 
-def by_probability(rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
-    """Statistics of the verdicts by probabilities beside those of the rules on the same searches.
+def calibration(rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+    """Calibration of the probabilities of the effects of the selected models.
 
-    A probability is that of an effect of the selected model. Its calibration error is the mean
-    difference between probability and share of right effects, in ten bins.
+    Its error is the mean difference between probability and share of right effects, in ten bins.
     """
-    pairs = [(r, r["probable"]) for r in rows if r["probable"]]
-    larger = [p for p in pairs if p[0]["kind"] == "single" and p[0]["size"] in ("medium", "large")]
-    values = np.array([v for r, _ in pairs for v in r["probabilities"]], dtype=float).reshape(-1, 2)
+    values = np.array([v for r in rows for v in r["probabilities"]], dtype=float).reshape(-1, 2)
     told, true = values.T
     bins = np.minimum((10.0 * told).astype(int), 9)
     gaps = [abs(np.sum((told - true)[bins == k])) for k in np.unique(bins)]
     return {
-        "cases": len(pairs),
-        "right": share(r["right"] for _, r in larger),
-        "right by the rules": share(r["right"] for r, _ in larger),
-        "false names": share(_false(r) for _, r in pairs),
-        "false names by the rules": share(_false(r) for r, _ in pairs),
+        "probabilities": len(told),
         "probability told": float(told.mean()) if len(told) else None,
         "share right": float(true.mean()) if len(told) else None,
         "Brier score": float(np.mean(np.square(told - true))) if len(told) else None,

@@ -81,9 +81,9 @@ def markdown(
     if later is not None:
         parts.append("The same " + AFTER + ", where the verdict was ambiguous:")
         parts.append(table(*rates(later)))
-    if figures["by probability"]["cases"]:
-        parts.append("## Verdicts by probabilities, on the same searches")
-        parts.append(table(*probabilities(figures["by probability"])))
+    if figures["calibration"]["probabilities"]:
+        parts.append("## Calibration of the probabilities")
+        parts.append(table(*calibration(figures["calibration"])))
     parts.append("## Held-out error, in noise floors")
     parts.append(table(*held_out(figures["held-out error"])))
     parts.append("## Cases")
@@ -104,10 +104,10 @@ def rates(figures: Mapping[str, Any]) -> tuple[tuple[str, ...], list[tuple[str, 
     return ("", *RATES), rows
 
 
-def probabilities(values: Mapping[str, Any]) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
-    """Head and rows of the table of verdicts by probabilities."""
+def calibration(values: Mapping[str, Any]) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
+    """Head and rows of the table of the calibration."""
     return ("figure", "value"), [
-        (name, str(v) if name == "cases" else number(v)) for name, v in values.items()
+        (name, str(v) if name == "probabilities" else number(v)) for name, v in values.items()
     ]
 
 

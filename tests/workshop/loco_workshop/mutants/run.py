@@ -26,7 +26,11 @@ from . import nursery
 from .mutate import Mutant, by_hand, mutants
 
 # Modules that decide on the name of an effect and prevent false ones.
-_VERDICT = ("candidates", "decide", "doubt", "leftover", "rivals", "stable", "traded")
+_NAMING = (
+    "verdict/estimates", "verdict/decide", "verdict/judge", "verdict/doubt", "verdict/rivals",
+    "verdict/stable", "verdict/traded", "probability/weights", "probability/prices",
+    "statistics/leftover", "statistics/evidence",
+)
 # Modules that protect a robot, a recording or a verdict, with the tests that must detect changes.
 PROTECTING: dict[str, tuple[str, ...]] = {
     "src/loco_sim/loco_sim/plant/safety.py": ("tests/loco_sim/plant/test_safety.py",),
@@ -50,10 +54,10 @@ PROTECTING: dict[str, tuple[str, ...]] = {
         "tests/loco_bringup/bag/test_recover.py",
     ),
     **{
-        f"src/loco_learning/loco_learning/gap/verdict/{name}.py": (
-            f"tests/loco_learning/gap/verdict/test_{name}.py",
+        f"src/loco_learning/loco_learning/gap/{name}.py": (
+            f"tests/loco_learning/gap/{name.replace('/', '/test_')}.py",
         )
-        for name in _VERDICT
+        for name in _NAMING
     },
 }  # fmt: skip
 # Mutants that behave like the original, by module and `Mutant.key`, with the reason.

@@ -119,10 +119,10 @@ def _cards(result: Mapping[str, Any]) -> list[tuple[str, str, str]]:
     if (result.get("residual") or {}).get("used"):
         share = text.closed_rms(result["residual"])
         cards.append(("Learned correction", share, f"{text.CLOSED}; explains nothing"))
-    odds = [t["odds"] for t in result["terms"] if isinstance(t.get("odds"), (int, float))]
-    if odds and result["verdict"] in (*text.NAMED, "ambiguous"):
-        what = "against the best explanation of another name"
-        cards.append(("Odds", text.odds_text(min(odds)), what))
+    values = [t["probability"] for t in result["terms"] if t.get("probability") is not None]
+    if values and result["verdict"] in (*text.NAMED, "ambiguous"):
+        what = "of the least certain effect, among all models that were fitted"
+        cards.append(("Probability", text.probability(min(values)), what))
     return cards
 
 

@@ -64,7 +64,7 @@ def terms(result: Result) -> Markup:
     items = result["terms"]
     if not items:
         return Markup()
-    head = ["Effect", "Place", "Size (interval)", "Verdict", "Gain (interval)", "Odds", "Share closed",
+    head = ["Effect", "Place", "Size (interval)", "Verdict", "Probability", "Share closed",
             "Looks like"]  # fmt: skip
     body = [
         [
@@ -72,14 +72,13 @@ def terms(result: Result) -> Markup:
             text.place_of(t.get("place")),
             "; ".join(text.sizes(t)),
             plain(t.get("verdict")),
-            plain(t.get("gain")),
-            text.odds_text(t.get("odds")),
+            text.probability(t.get("probability")),
             _share(t.get("closed")),
             ", ".join(text.words(plain(x)) for x in t.get("look_alikes") or ()),
         ]
         for t in items
     ]
-    return table(head, body, (6,))
+    return table(head, body, (5,))
 
 
 def over_settings(result: Result) -> Markup:
@@ -90,13 +89,12 @@ def over_settings(result: Result) -> Markup:
     body = [
         [
             row["vary"], row["setting"], ", ".join(map(text.words, row["names"])) or "nothing",
-            text.odds_text(row["odds"]), ", ".join(map(text.words, row["against"])) or "nothing",
-            _share(row["closed"]),
+            text.probability(row["probability"]), _share(row["closed"]),
         ]
         for row in items
     ]  # fmt: skip
-    head = ["Varied", "Setting", "Wins there", "Odds of the name", "Against", "Share closed"]
-    return html.paragraph(_SETTINGS, soft=True) + table(head, body, (5,))
+    head = ["Varied", "Setting", "Most probable there", "Probability of the name", "Share closed"]
+    return html.paragraph(_SETTINGS, soft=True) + table(head, body, (4,))
 
 
 def rivals(result: Result) -> Markup:
@@ -108,14 +106,13 @@ def rivals(result: Result) -> Markup:
         [
             ", ".join(text.words(str(n)) for n in r.get("names") or ()),
             "; ".join(text.place_of(p) for p in r.get("places") or ()),
-            plain(r.get("gain")),
-            text.odds_text(r.get("odds")),
+            text.probability(r.get("probability")),
             _share(r.get("closed")),
         ]
         for r in items
     ]
-    head = ["Rival", "Place", "Gain over it (interval)", "Odds against it", "Share closed"]
-    return html.paragraph(_RIVALS, soft=True) + table(head, body, (4,))
+    head = ["Rival", "Place", "Probability", "Share closed"]
+    return html.paragraph(_RIVALS, soft=True) + table(head, body, (3,))
 
 
 def _share(value: Any) -> str:
@@ -231,12 +228,12 @@ _CELLS = (
     "noise floor."
 )
 _RIVALS = (
-    "The best explanations of another name, fitted in the same way. Gain: how much better what "
-    "was found explains the data than the rival does, in log-likelihood, with its interval."
+    "Other models, fitted in the same way. Probability: share of the weight of all models that "
+    "were fitted, which sums to 1."
 )
 _SETTINGS = (
     "Does the name hang on a setting? For each split the model and its rivals are fitted again to "
-    "the other records. Where another answer wins by 3 : 1, nothing is named for sure."
+    "the other records. Where the name is less probable than 1 : 3, there is an alarm."
 )
 _ERRORS = (
     "NRMSE: rms of the error over the standard deviation of the measurement. Windowed: mean "

@@ -126,9 +126,16 @@ def term_lines(result: Result) -> list[str]:
     """One line per term: effect, place, size, certainty."""
     lines = []
     for term in result.get("terms") or ():
-        odds = f"; odds {odds_text(term.get('odds'))} against the next" if term.get("odds") else ""
-        lines.append(f"{term_name(term)}: {', '.join(sizes(term)) or 'no size'}{odds}")
+        sure = f"; probability {probability(term['probability'])}" if "probability" in term else ""
+        lines.append(f"{term_name(term)}: {', '.join(sizes(term)) or 'no size'}{sure}")
     return lines
+
+
+def probability(value: Any) -> str:
+    """A probability as text; a dash for none."""
+    if not isinstance(value, (int, float)):
+        return "–"
+    return "over 0.999" if value > 0.999 else f"{value:.3f}" if value > 0.99 else f"{value:.2g}"
 
 
 def odds_text(odds: Any) -> str:

@@ -21,7 +21,7 @@ from ..hypotheses.hypotheses import Hypothesis
 from ..params import GapParams
 from ..prediction.case import Case
 from ..statistics import evidence, noise
-from ..verdict.decide import has_gap
+from ..statistics.leftover import has_gap
 from .fit import Fitted, Setting, fit, polish, rough, weigh
 from .screen import Screened, screen
 
@@ -118,9 +118,7 @@ class Search:
         self.report(0.02, "fitting the model as it came", "")
         initial = weigh(self.case, (), self.nominal, given=True)
         base = weigh(self.case, (), self.nominal)
-        for _ in range(
-            REFITS if self.nominal else 0
-        ):  # the robust loss gets narrower
+        for _ in range(REFITS if self.nominal else 0):  # the robust loss gets narrower
             setting = Setting(self.params, self.nominal, base.overrides, self._scale(base), ())
             base = next(iter(self.each(fit, [((), setting)])))
         if self.nominal:
@@ -371,9 +369,7 @@ class Search:
         by_variant: dict[tuple[str, str], list[Screened]] = {}
         for one in ordered:
             group = by_variant.setdefault((one.hypothesis.effect, one.hypothesis.variant), [])
-            close = not group or (
-                len(group) < FITTED_PLACES and one.share > CLOSE * group[0].share
-            )
+            close = not group or (len(group) < FITTED_PLACES and one.share > CLOSE * group[0].share)
             if one.share >= threshold and close:
                 group.append(one)
         groups = [group for group in by_variant.values() if group][: count or self.params.keep]

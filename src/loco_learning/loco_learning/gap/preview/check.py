@@ -39,7 +39,7 @@ from ..recordings.record import Record
 from ..setup import family, mend
 from ..setup.bench import busiest, robot_of
 from ..setup.finding import Finding
-from ..verdict.decide import LIMITS
+from ..statistics.leftover import LIMITS
 from . import visible
 from .visible import Visible
 

@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Probabilities of effects, kinds and places, told beside the rules of the verdict."""
+"""Probabilities of effects, kinds and places from all models that a search fitted."""

@@ -20,13 +20,11 @@ from loco_sim.effects.base import EFFECTS
 from ..fitting.fit import Fitted
 from ..hypotheses.hypotheses import Hypothesis
 from ..statistics import evidence
-from ..verdict.rivals import occam, on_edge
+from .prices import occam, on_edge
 
 NOTHING = "nothing"
 WEIGHTS = 8  # key of a random stream
-EDGE = (
-    0.01  # distance of a shape from a bound, over the value, that counts as on it (`LIMITS.edge`)
-)
+EDGE = 0.01  # distance of a shape from a bound, over the value, that counts as on it
 ROUNDING = 1e-9  # of a sum of probabilities
 
 
@@ -45,6 +43,10 @@ class Criterion(Params):
     closed: float = parameter(
         0.5, "share of the rms above noise that the effects of a model must close if it does not "
         "explain the data", low=0.0, high=1.0
+    )  # fmt: skip
+    trifle: float = parameter(
+        3.0, "rms of the loudest channel [floors] on all records up to which a gap that something "
+        "too small to matter explains is none", low=1.0
     )  # fmt: skip
 
 
@@ -100,6 +102,18 @@ class Weights:
         """Probability of an effect at a joint, link or foot."""
         return self.probability(lambda h: float(place in {*places(h), h.place}))
 
+    def places_of(self, name: str) -> dict[str, float]:
+        """Probability of an effect by place as in `Hypothesis.place`, the largest first.
+
+        Args:
+            name: Name of the effect.
+        """
+        result: dict[str, float] = {}
+        for model, value in zip(self.models, self.values, strict=True):
+            for place in {h.place for h, _ in model.parts if h.effect == name}:
+                result[place] = result.get(place, 0.0) + float(value)
+        return dict(sorted(result.items(), key=lambda pair: (-pair[1], pair[0])))
+
     def alternatives(self, model: Fitted, index: int) -> dict[str, float]:
         """Probabilities of what is in the place of one effect of a model.
 
@@ -142,7 +156,12 @@ class Weights:
             model = smaller
 
 
-def weigh(models: Sequence[Fitted], seed: int, criterion: Criterion = CRITERION) -> Weights:
+def weigh(
+    models: Sequence[Fitted],
+    seed: int,
+    criterion: Criterion = CRITERION,
+    unusual: Callable[[Fitted], float] = lambda model: 0.0,
+) -> Weights:
     """Weights of models on the same data.
 
     A law with a shape on the bound of its range is another law, which has its own model.
@@ -151,12 +170,16 @@ def weigh(models: Sequence[Fitted], seed: int, criterion: Criterion = CRITERION)
         models: Fitted models, with that without effects.
         seed: Seed of the resampling.
         criterion: Free numbers.
+        unusual: Logarithm of the prior odds against further values of a model [nat].
     """
     inside = [m for m in models if not any(on_edge(*part, EDGE) for part in m.parts)]
     models = sorted(inside, key=lambda m: (m.fit_rms * m.held.rms, m.key))
     first, scores = 0, [m.score for m in models]
     for _ in models:
-        prices = [_price(m, models[first], criterion) for m in models]
+        extra = [unusual(m) - unusual(models[first]) for m in models]
+        prices = [
+            _price(m, models[first], criterion) + e for m, e in zip(models, extra, strict=True)
+        ]
         rng = np.random.default_rng([seed, WEIGHTS])
         logs = evidence.log_weights(scores, first, prices, rng)
         if logs.max() <= 0.0:

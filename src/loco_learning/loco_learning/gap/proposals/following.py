@@ -15,14 +15,15 @@ from ..fitting.fit import Fitted
 from ..prediction.case import Case
 from ..prediction.forward import Forward
 from ..statistics import evidence
-from ..verdict.decide import LIMITS, NO_GAP, Limits
+from ..verdict.decide import NO_GAP
 from ..verdict.judge import Judged
 from ..verdict.sensitivity import sensitivities
 from . import pool, propose
 
 MOST_PROPOSALS = 3  # experiments that are proposed
 HYPOTHESES = 3
-ENOUGH = 1000.0  # odds above which an explanation is excluded
+ENOUGH = 1000.0  # ratio of probabilities above which an explanation is excluded
+CLOSES = 0.163  # smallest share of the rms above noise that an explanation closes (taste)
 FEW = 0.5  # evidence that is negligible [nat] (taste)
 
 
@@ -53,8 +54,8 @@ def following(model: Model, case: Case, judged: Judged, notes: list[str]) -> lis
         {r.name: [each[i] for each in both] for i, r in enumerate(records)} for both in (runs, free)
     )
     names, tau = [" + ".join(m.names) for m in leading], float(np.median(judged.best.score.tau))
-    odds = {model.key: over.odds for model, over in judged.rivals}
-    weights = [1.0 / odds.get(m.key, 1.0) for m in leading]
+    probability = {m.key: p for m, p in [(judged.best, judged.probability), *judged.rivals]}
+    weights = [probability[m.key] for m in leading]
     ranked = propose.rank(
         predictions, names, floors, weights, deviations, tau, _worth(judged, leading, tau)
     )
@@ -64,20 +65,17 @@ def following(model: Model, case: Case, judged: Judged, notes: list[str]) -> lis
     ]
 
 
-def hypotheses(judged: Judged, limits: Limits = LIMITS) -> list[Fitted]:
+def hypotheses(judged: Judged) -> list[Fitted]:
     """The selected model and the rivals that are not excluded, one per set of names.
 
     Models that close almost nothing of the gap are omitted: what discriminates causes of a small
     part of the gap does not help with its main cause.
     """
-    base = judged.base.held.residuals
-
-    def closes(model: Fitted) -> bool:
-        return evidence.closed_by(base, model.held.residuals) >= limits.closed
-
-    leading = {judged.best.names: judged.best} if closes(judged.best) else {}
-    for model, over in judged.rivals:
-        if over.odds < ENOUGH and closes(model):
+    base, least = judged.base.held.residuals, judged.probability / ENOUGH
+    models = [judged.best, *(model for model, value in judged.rivals if value > least)]
+    leading: dict[tuple[str, ...], Fitted] = {}
+    for model in models:
+        if evidence.closed_by(base, model.held.residuals) >= CLOSES:
             leading.setdefault(model.names, model)
     return list(leading.values())[:HYPOTHESES]
 
@@ -118,14 +116,15 @@ def _worth(judged: Judged, leading: list[Fitted], tau: float) -> float:
     For the rivals to be discriminated. The part of the gap that no model explains makes every
     expectation too large, for an experiment as for the recordings.
     """
-    over, shares = {model.key: each for model, each in judged.rivals}, []
+    rivals, shares = {model.key: p for model, p in judged.rivals}, []
     for rival in leading:
-        if rival.key not in over or rival is judged.best:
+        if rival.key not in rivals:
             continue
         pairs = zip(judged.best.whole, rival.whole, strict=True)
         scale = judged.best.held.scale
         hoped = sum(propose.expected(a / scale, b / scale, tau=tau) for a, b in pairs)
-        shares.append(max(math.log(max(over[rival.key].odds, 1.0)), FEW) / max(hoped, FEW))
+        gained = math.log(max(judged.probability / max(rivals[rival.key], 1e-300), 1.0))
+        shares.append(max(gained, FEW) / max(hoped, FEW))
     return min([1.0, *shares])
 
 

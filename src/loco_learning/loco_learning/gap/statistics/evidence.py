@@ -1,16 +1,16 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Evidence that one model explains the measurement better than another, as calibrated odds.
+"""Weights of models on the same data, from their whitened residuals.
 
 Residuals are whitened: predicted minus measured over the channel's floor, 1 = noise.
-Three choices calibrate the odds, because the residual of a wrong model is systematic:
+Three choices calibrate the weights, because the residual of a wrong model is systematic:
 
-- The noise is the residual of the better of the two models, in each channel: its scale (Student-t
+- The noise is the residual of the better of two models, in each channel: its scale (Student-t
   density, at least the floor) and its integrated autocorrelation tau are used for both. As
   long as no model explains the data, small differences are no proof.
 - A sample counts 1 / tau (for an AR(1) residual tau = (1 + phi) / (1 - phi)). Predicting
   each residual from the previous one would instead remove the slow errors by which effects
   differ. A slow error of a fraction of the floor is tolerated (`TOLERANCE`).
-- The odds are an average over the block bootstrap (BayesBag, Huggins and Miller 2023), not
+- The weights are an average over the block bootstrap (BayesBag, Huggins and Miller 2023), not
   those of the one sample: two equally wrong models do not get odds of a million.
 """
 
@@ -25,14 +25,13 @@ from scipy.special import gammaln, logsumexp, ndtri, stdtrit
 
 NU = 5.0  # degrees of freedom of the density
 LIMIT = 1e5  # [floors] largest whitened residual, and that of a model that diverged
-FEW, MANY = 8, 32  # smallest and largest number of blocks in all records
+FEW = 8  # smallest number of independent values of a channel in all records
 SURE_RATIO = 2.0  # rms of two models from which on few blocks are no reason for doubt
 ALIKE = 16  # blocks of all records that are the same for all models
 MOST_ODDS = 1e9
 LEAST_FREEDOM = 4.0  # degrees of freedom of Student's law for intervals from few blocks
 TOLERANCE = 0.3  # [floors] slow error that any model is allowed to have
 BLOCK_IS_WON = 10.0  # odds at which the gain of a block is clipped when wins are counted
-TELLING = 1.0  # smallest informative evidence of one channel in a block [nat]
 CAUTION = 1.25  # factor on the bootstrap's spread: blocks are few and not quite independent
 
 
@@ -55,27 +54,6 @@ class Score:
     rms: float
     log_likelihood: float
     n_eff: float
-
-
-@dataclass(frozen=True)
-class Comparison:
-    """Evidence for the first of two models over the second, on the same data.
-
-    Attributes:
-        gain: Difference of log-likelihood [nat], positive when the first is better.
-        low: Lower end of the gain's 95 % interval [nat].
-        high: Upper end [nat].
-        blocks_improved: Share of the informative blocks in which the first is better.
-        odds: Odds for the first against the second, 1 = undecided, at most 1e9.
-        blocks: Number of blocks.
-    """
-
-    gain: float
-    low: float
-    high: float
-    blocks_improved: float
-    odds: float
-    blocks: int
 
 
 def whiten(
@@ -187,88 +165,6 @@ def correlation_time(x: np.ndarray) -> float:
     return float(np.clip(sums[stop[0]] if len(stop) else sums.max(), 1.0, len(y)))
 
 
-def compare(
-    a: Score,
-    b: Score,
-    rng: np.random.Generator,
-    trials: int = 1,
-    price: float = 0.0,
-    draws: int = 1000,
-) -> Comparison:
-    """Evidence for `a` over `b` by paired block bootstrap.
-
-    Args:
-        a: Residuals of the first model.
-        b: Residuals of the second on the same records.
-        rng: Source of the resampling, keyed by the caller's seed.
-        trials: Number of models from which `a` was selected with the same data; widens the
-            interval to account for the selection (Bonferroni).
-        price: Penalty of the first in the odds for parameters that the second lacks [nat];
-            negative if the second is penalised.
-        draws: Bootstrap samples.
-    """
-    sums, pieces = _blocks(a, b)
-    n = len(sums)
-    gain = float(sums.sum())
-    if n < 2:
-        return Comparison(gain, -math.inf, math.inf, float(gain > 0.0), 1.0, n)
-    index = rng.choice(n, (draws, n))
-    picks = sums[index].sum(1) - gain
-    freedom = max(min(n, pieces) - 1.0, LEAST_FREEDOM)
-    few = math.sqrt(n / (n - 1.0)) * stdtrit(freedom, 0.975) / ndtri(0.975)
-    tail = 0.025 / max(trials, 1)
-    low, high = gain + few * np.quantile(picks, [tail, 1.0 - tail])
-    return Comparison(
-        gain,
-        float(low),
-        float(high),
-        _improved(sums, a.residuals[0].shape[1]),
-        _odds(sums, index, CAUTION * few, pieces, price),
-        n,
-    )
-
-
-def _improved(sums: np.ndarray, channels: int) -> float:
-    """Share of the informative blocks in which the first model is better.
-
-    Where an effect hardly shows, noise decides, and that of several channels adds up in squares:
-    blocks with little evidence do not count beside those with more.
-    """
-    size, least = np.abs(sums), TELLING * math.sqrt(channels)
-    telling = size > (least if np.any(size > least) else 0.05 * size.mean())
-    return float((sums[telling] > 0.0).mean()) if telling.any() else 0.5
-
-
-def _odds(sums: np.ndarray, index: np.ndarray, wide: float, pieces: float, price: float) -> float:
-    """Odds from the gains of the blocks, or from their clipped gains if these agree more strongly.
-
-    One block with a push or a stop in it may gain more than all others together, and its
-    absence from a bootstrap sample then hides that the model is better in every block.
-    """
-    most = math.log(BLOCK_IS_WON)
-    sizes, wins = (
-        _log_odds(x, index, wide, pieces, price) for x in (sums, np.clip(sums, -most, most))
-    )
-    value = wins if sizes * wins > 0.0 and abs(wins) > abs(sizes) else sizes
-    return float(np.clip(math.exp(value), 1.0 / MOST_ODDS, MOST_ODDS))
-
-
-def _log_odds(
-    sums: np.ndarray, index: np.ndarray, wide: float, pieces: float, price: float
-) -> float:
-    """Logarithm of the posterior odds, averaged over bootstrap samples of the gain.
-
-    Of two equal models, one is better in every one of k blocks with probability ``2^-k``: the odds
-    are limited accordingly, with k the number of independent blocks that contribute to the gain.
-    """
-    gain = sums.sum()
-    power = gain - price + wide * (sums[index].sum(1) - gain)
-    yes, no = (logsumexp(-np.logaddexp(0.0, sign * power)) for sign in (-1.0, 1.0))
-    count = np.abs(sums).sum() ** 2 / max(float(np.square(sums).sum()), 1e-300)
-    most = math.log(2.0) * min(count, pieces)
-    return float(np.clip(yes - no, -most - max(price, 0.0), most + max(-price, 0.0)))
-
-
 def odds(gain: float, spread: float) -> float:
     """Expected odds for a gain in log-likelihood with a standard deviation [nat].
 
@@ -374,23 +270,6 @@ def _power(records: Sequence[np.ndarray]) -> np.ndarray:
 def _count(records: Sequence[np.ndarray], tau: np.ndarray) -> float:
     """Effective number of independent values in all records."""
     return sum(float((np.isfinite(r).sum(0) / t).sum()) for r, t in zip(records, tau, strict=True))
-
-
-def _blocks(a: Score, b: Score) -> tuple[np.ndarray, float]:
-    """Gain of `a` over `b` in each block [nat], and the number of independent pieces.
-
-    Blocks are longer than the correlation time of the gain, as long as there are a few of them.
-    """
-    ticks, times = _gains(a, b)
-    total = sum(map(len, ticks))
-    sums, pieces = [], 0.0
-    for each, long in zip(ticks, times, strict=True):
-        if len(each):
-            length = np.clip(2.0 * long, total / MANY, total / FEW)
-            parts = np.array_split(each, max(1, round(len(each) / length)))
-            sums += [float(part.sum()) for part in parts if len(part)]
-            pieces += len(each) / long
-    return np.array(sums), pieces
 
 
 def _gains(a: Score, b: Score) -> tuple[list[np.ndarray], list[float]]:

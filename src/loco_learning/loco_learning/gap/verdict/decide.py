@@ -1,114 +1,46 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Rules of the verdict: named, ambiguous, unknown or no gap, with one sentence of evidence each.
-
-An effect is named when all of this holds on held-out data: without it the model is worse beyond
-chance, every rival of another name is improbable, its parameters are physical and exclude "absent",
-most blocks agree, and it closes a good share of the gap.
-"""
+"""The verdict: the finest statement about the cause of the gap that is probable enough."""
 
 from __future__ import annotations
 
-import math
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
-from loco_control.params import Params, parameter
-from loco_sim.effects import EFFECTS
+from loco_sim.effects.base import EFFECTS
 
+from ..fitting.fit import Fitted
+from ..probability.prices import trifle
+from ..probability.weights import CRITERION, NOTHING, Criterion, Weights, smallest
 from ..statistics import evidence
-from ..statistics.evidence import Score
-from .candidates import Candidate, Estimate, Rival, on_bound
-from .leftover import adequate, explained
+from ..statistics.leftover import adequate, has_gap
 
 NAMED, AMBIGUOUS, UNKNOWN, NO_GAP = "named", "ambiguous", "unknown", "no gap"
 MORE = "named, and more is missing"
 
 
 @dataclass(frozen=True)
-class Limits(Params):
-    """Conditions for naming an effect."""
-
-    # The only criterion for "the model explains the data": it decides whether there is a gap,
-    # whether a search starts and ends, which effects are visible, and whether more is missing.
-    # Battery: residual of a true model from noise, jitter of stamps and the other integrator.
-    explained: float = parameter(
-        1.25, "rms of a channel [floors], beyond chance, up to which a model explains it", low=1.0
-    )
-    # A different criterion: small differences between models are distinguished from noise only if
-    # one of them has little more than this residual in all data together (battery).
-    noise: float = parameter(
-        1.5, "rms on all data [floors] up to which what a model leaves says how large noise is",
-        low=1.0,
-    )  # fmt: skip
-    odds: float = parameter(10.0, "smallest odds against every rival of another name", low=1.0)
-    worse: float = parameter(3.0, "rms over the best model's beyond which it is no rival", low=1.0)
-    blocks: float = parameter(2.0 / 3.0, "smallest share of improved blocks", low=0.0, high=1.0)
-    # Shares of the gap are those of the rms above noise (`evidence.closed_by`).
-    closed: float = parameter(0.163, "smallest share of the gap that an effect closes", high=1.0)
-    # No model of real hardware reduces a large gap to noise (taste).
-    most: float = parameter(
-        0.9, "share of a channel's gap in a record whose closing is as good as explaining it",
-        high=1.0,
-    )  # fmt: skip
-    large: float = parameter(
-        0.5, "share of the gap that established effects must close to be named while more is "
-        "missing", low=0.0, high=1.0
-    )  # fmt: skip
-    aside: float = parameter(
-        0.1, "share of the whole gap that may be in channels that the model leaves alone", high=1.0
-    )  # fmt: skip
-    alone: float = parameter(
-        3.0, "rms of a channel [floors] on all records up to which the model may leave it alone "
-        "(battery 10606)", low=1.0
-    )  # fmt: skip
-    spread: float = parameter(
-        0.3, "deviation of a strength between parts of the data, over its value, from which on "
-        "it is no constant of the robot", low=0.0
-    )  # fmt: skip
-    imitated: float = parameter(
-        0.9, "cosine of an effect with what refitted nominal values can make, from which on it is "
-        "not told from one of them that is strained", low=0.0, high=1.0
-    )  # fmt: skip
-    strained: float = parameter(
-        2.0, "deviations of its prior that a nominal value may be from what the robot says", low=0.0
-    )
-    trifle: float = parameter(
-        3.0, "rms of the loudest channel [floors] on all records up to which a gap that something "
-        "too small to matter explains is none", low=1.0
-    )  # fmt: skip
-    edge: float = parameter(
-        0.01, "distance from a bound, over the value, that counts as on it", low=0.0, high=0.5
-    )
-
-
-LIMITS = Limits()
-
-
-@dataclass(frozen=True)
 class Ruling:
-    """Verdict on one candidate.
+    """Verdict on one effect of the selected model.
 
     Attributes:
         name: Name of the effect.
         place: Place of the effect.
         verdict: `NAMED`, `AMBIGUOUS` or `UNKNOWN`.
-        odds: Odds against the best rival of another name; if there is none, against its absence.
-        look_alikes: Names that cannot be excluded.
-        places: Other places of the same effect that cannot be excluded.
-        alarms: Reasons why its parameters are implausible, a sentence each.
-        evidence: Evidence in one sentence.
+        probability: Probability of the effect, at any place.
+        look_alikes: Effects that may be in its place; empty if it is probable enough itself.
+        places: Other places of the effect that cannot be excluded.
+        kind: Common kind of the effect and its look-alikes; empty if there is none.
     """
 
     name: str
     place: str
     verdict: str
-    odds: float
-    look_alikes: tuple[str, ...]
-    places: tuple[str, ...]
-    alarms: tuple[str, ...]
-    evidence: str
+    probability: float
+    look_alikes: tuple[str, ...] = ()
+    places: tuple[str, ...] = ()
+    kind: str = ""
 
 
 @dataclass(frozen=True)
@@ -117,7 +49,7 @@ class Decision:
 
     Attributes:
         verdict: `NAMED`, `MORE`, `AMBIGUOUS`, `UNKNOWN` or `NO_GAP`.
-        rulings: One per candidate, in the order of the candidates.
+        rulings: One for each effect of the selected model, in order.
         adequate: Whether the model explains the data.
         evidence: Evidence in one sentence.
     """
@@ -137,62 +69,102 @@ class Decision:
         """Groups of names among which the data cannot distinguish."""
         return _groups(self.rulings)
 
-    @property
-    def alarms(self) -> tuple[str, ...]:
-        """Implausible parameters of all candidates, a sentence each."""
-        return tuple(alarm for r in self.rulings for alarm in r.alarms)
-
-
-def has_gap(before: Sequence[np.ndarray], limits: Limits = LIMITS) -> bool:
-    """True if some channel's residual is above its floor by more than chance.
-
-    Args:
-        before: Whitened residuals of the initial model on all records, (T, C) each.
-        limits: Conditions for naming an effect, of which `explained` is used.
-    """
-    return not explained(before, limits).all()
-
 
 def decide(
-    candidates: Sequence[Candidate],
-    before: Score,
-    after: Score,
-    limits: Limits = LIMITS,
-    whole: tuple[Sequence[np.ndarray], Sequence[np.ndarray]] | None = None,
+    weights: Weights,
+    model: Fitted,
+    given: Fitted,
+    base: Fitted,
+    unsure: Collection[str] = (),
+    sliding: Collection[str] = (),
     enough: np.ndarray | None = None,
-    gap: bool | None = None,
+    criterion: Criterion = CRITERION,
 ) -> Decision:
     """Decide on the cause of the gap.
 
     Args:
-        candidates: Terms of the selected model; none if nothing was selected.
-        before: Score of the user's own model on held-out data.
-        after: Score of the selected model on held-out data.
-        limits: Conditions for naming an effect.
-        whole: Residuals of both on all records, including the fitted ones, which the model must
-            explain too.
+        weights: All models with their probabilities.
+        model: The selected one.
+        given: The user's own model.
+        base: The user's model with nominal values refitted.
+        unsure: Keys of the effects of the selected model whose sizes may be those of absence.
+        sliding: Prismatic joints, whose positions are lengths.
         enough: Rms over all records [floors] up to which a channel counts as explained, (C,).
-        gap: Whether there is a gap; by default judged from the residuals of the user's model.
+        criterion: Free numbers.
     """
-    residuals = whole or (before.residuals, after.residuals)
-    if not (has_gap(residuals[0], limits) if gap is None else gap):
-        text = f"The model explains the data: {before.rms:.2f} noise floors."
-        return Decision(NO_GAP, (), True, text)
-    assessments = tuple(_rule(c, limits) for c in candidates)
-    closed = evidence.closed_by(before.residuals, after.residuals)
-    explains = adequate(*residuals, limits, enough)
-    if explains and _trifling(
-        candidates, float(np.nanmax(evidence.by_channel(residuals[0]))), limits
-    ):
+    if not model.parts:
+        gap = has_gap(base.whole)
+        rms = base.held.rms
         text = (
-            f"The model is {before.rms:.2f} noise floors off only because it is sensitive there: "
-            f"{candidates[0].name} too small to matter explains it."
+            f"No known effect explains the gap of {rms:.3g} noise floors."
+            if gap
+            else f"The model explains the data: {rms:.2f} noise floors."
+        )
+        return Decision(UNKNOWN if gap else NO_GAP, (), not gap, text)
+    explains = adequate(base.whole, model.whole, enough)
+    if explains and _negligible(weights, base, sliding, criterion):
+        text = (
+            f"The model is {given.held.rms:.2f} noise floors off only because it is sensitive "
+            f"there: {model.names[0]} too small to matter explains it."
         )
         return Decision(NO_GAP, (), True, text)
-    verdict = _overall(assessments, explains, large(residuals, before, after, limits))
-    loud = None if explains else float(np.nanmax(evidence.by_channel(residuals[1])))
-    text = _summary(verdict, assessments, loud, before.rms, after.rms, closed)
-    return Decision(verdict, assessments, explains, text)
+    rulings = tuple(
+        _ruling(weights, model, i, h.key in unsure, criterion)
+        for i, (h, _) in enumerate(model.parts)
+    )
+    pairs = (base.whole, model.whole), (given.held.residuals, model.held.residuals)
+    closes = all(evidence.closed_by(*pair) >= criterion.closed for pair in pairs)
+    verdict = _overall({r.verdict for r in rulings}, explains, closes)
+    loud = None if explains else float(np.nanmax(evidence.by_channel(model.whole)))
+    text = _summary(verdict, rulings, loud, given, model)
+    return Decision(verdict, rulings, explains, text)
+
+
+def _ruling(
+    weights: Weights, model: Fitted, index: int, unsure: bool, criterion: Criterion
+) -> Ruling:
+    """Verdict on one effect of a model."""
+    h, confidence = model.parts[index][0], criterion.confidence
+    names = smallest(weights.alternatives(model, index), confidence)
+    others = tuple(sorted(set(names) - {h.effect, NOTHING}))
+    nothing = unsure or NOTHING in names
+    verdict = UNKNOWN if nothing else AMBIGUOUS if len(names) > 1 else NAMED
+    kinds = {EFFECTS[name].identity.kind for name in (h.effect, *others)}
+    shared = next(iter(kinds)) if len(kinds) == 1 and verdict == AMBIGUOUS else ""
+    elsewhere = weights.places_of(h.effect)
+    total = sum(elsewhere.values())
+    places = smallest({p: v / total for p, v in elsewhere.items()}, confidence) if total else ()
+    return Ruling(
+        h.effect, h.place, verdict, weights.effect(h.effect), others,
+        tuple(p for p in places if p != h.place), shared,
+    )  # fmt: skip
+
+
+def _overall(verdicts: Collection[str], explains: bool, closes: bool) -> str:
+    """Verdict on a model from those on its effects.
+
+    Args:
+        verdicts: Verdicts on its effects, each once.
+        explains: Whether the model explains the data.
+        closes: Whether the model closes a large share of the gap.
+    """
+    if UNKNOWN in verdicts or not (explains or closes):
+        return UNKNOWN
+    if AMBIGUOUS in verdicts:
+        return AMBIGUOUS
+    return NAMED if explains else MORE
+
+
+def _negligible(
+    weights: Weights, base: Fitted, sliding: Collection[str], criterion: Criterion
+) -> bool:
+    """True if a small gap may be due to effects that are too small to matter on any robot."""
+    if np.nanmax(evidence.by_channel(base.whole)) > criterion.trifle:
+        return False
+    small = [
+        bool(m.parts) and all(trifle(*part, sliding) for part in m.parts) for m in weights.models
+    ]
+    return bool(weights.values[small].sum() > 1.0 - criterion.confidence)
 
 
 def _names(rulings: Sequence[Ruling], verdict: str) -> tuple[str, ...]:
@@ -204,172 +176,12 @@ def _groups(rulings: Sequence[Ruling]) -> tuple[tuple[str, ...], ...]:
     return tuple(sorted({tuple(sorted({r.name, *r.look_alikes})) for r in ambiguous}))
 
 
-def _trifling(candidates: Sequence[Candidate], rms: float, limits: Limits) -> bool:
-    """True if the gap is small and negligible changes explain it as well as anything else."""
-    small = [
-        c.trifle or any(r.trifle and r.over.odds <= limits.odds for r in c.rivals)
-        for c in candidates
-    ]
-    return bool(small) and all(small) and rms <= limits.trifle
-
-
-def alarms(candidate: Candidate, limits: Limits = LIMITS) -> tuple[str, ...]:
-    """Implausible parameters of a candidate, with the reason, one line each."""
-    messages, open_ends = [], _undetermined(candidate.estimates)
-    for e in candidate.estimates:
-        where = f"{candidate.name} {candidate.place}".strip() + f": {e.name} = {e.value:.3g}"
-        where = f"{where} {e.unit}" if e.unit != "-" else where
-        if _on_bound(e, limits.edge):
-            messages.append(f"{where} is on the bound of its range {e.least:g} to {e.most:g}")
-        if e.sign * e.value < 0.0:
-            kind = "negative" if e.value < 0.0 else "positive"
-            messages.append(f"{where} is {kind}, which is not physical")
-        if e in open_ends:
-            messages.append(f"{where} has no interval: the data do not determine it")
-        if e.absent is not None and e.spread > limits.spread * _size(e, candidate.estimates):
-            messages.append(f"{where} differs by {e.spread:.2g} between parts of the data")
-    return tuple(messages)
-
-
-def _size(one: Estimate, estimates: Sequence[Estimate]) -> float:
-    """Largest distance from absence of strengths in its unit: a vector may have components of 0."""
-    same_unit = (e for e in estimates if e.absent is not None and e.unit == one.unit)
-    return max(abs(e.value - e.absent) for e in same_unit)
-
-
-def _undetermined(estimates: Sequence[Estimate]) -> list[Estimate]:
-    """Parameters without a finite interval, if no strength is determined; otherwise none.
-
-    A stop that is too stiff to be determined has a smallest size: its interval has no upper end.
-
-    A force along one axis of a hinge has two components without effect; a stop that is hardly
-    touched has an undetermined damping. Only the strength of the effect must be determined.
-    """
-    open_ends = [e for e in estimates if not (math.isfinite(e.low) and math.isfinite(e.high))]
-    candidates = [e for e in open_ends if e.absent is None or e.low <= e.absent <= e.high]
-    determined = any(e.absent is not None and e not in candidates for e in estimates)
-    return [] if determined else candidates
-
-
-def _rule(c: Candidate, limits: Limits) -> Ruling:
-    messages = alarms(c, limits)
-    c = replace(c, rivals=serious(c, limits))
-    close = [r for r in c.rivals if r.over.odds <= limits.odds]
-    names = {r.name for r in close} - {c.name}
-    inseparable = EFFECTS[c.name].identity.twins if c.name in EFFECTS else ()
-    alternatives = tuple(sorted({*names, *inseparable, *c.traded}))
-    locations = tuple(sorted({r.place for r in close if r.name == c.name and r.place != c.place}))
-    deficits = lacks(c, messages, limits)
-    verdict = UNKNOWN if deficits else AMBIGUOUS if alternatives else NAMED
-    named_else = [r for r in c.rivals if r.name != c.name]
-    odds = min((r.over.odds for r in named_else), default=c.gain.odds)
-    odds = min(odds, 1.0) if inseparable else odds
-    text = _sentence(c, verdict, deficits, alternatives, locations)
-    return Ruling(c.name, c.place, verdict, odds, alternatives, locations, messages, text)
-
-
-def serious(c: Candidate, limits: Limits) -> tuple[Rival, ...]:
-    """Rivals with a similar residual that could be named themselves."""
-    return tuple(
-        r
-        for r in c.rivals
-        if r.worse <= limits.worse and not r.closed < limits.closed and not r.edge
-    )
-
-
-def lacks(c: Candidate, found: Sequence[str] = (), limits: Limits = LIMITS) -> list[str]:
-    """Reasons against naming a candidate, a sentence each.
-
-    Args:
-        c: Candidate with its evidence on held-out data.
-        found: Implausible parameters of the candidate.
-        limits: Conditions for naming an effect.
-    """
-    deficits = []
-    significant = c.worse > limits.worse or c.total is not None and c.total.low > 0.0
-    if not (c.gain.low > 0.0 or c.gain.gain > 0.0 and significant):
-        deficits.append(f"the gain of {c.gain.gain:.3g} nat may be chance (from {c.gain.low:.3g})")
-    if c.gain.blocks_improved < limits.blocks:
-        deficits.append(f"only {c.gain.blocks_improved:.0%} of the blocks improve")
-    if c.closed < limits.closed:
-        deficits.append(f"it closes only {c.closed:.0%} of the gap")
-    strengths = [e for e in c.estimates if e.absent is not None]
-    if strengths and not any(e.excludes_absent for e in strengths):
-        deficits.append(f"the interval of {strengths[0].name} does not exclude that it is absent")
-    return deficits + [alarm.split(": ", 1)[1] for alarm in found]
-
-
-def _sentence(
-    c: Candidate, verdict: str, wanting: list[str], others: Sequence[str], places: Sequence[str]
-) -> str:
-    what = f"{c.name} {c.place}".strip()
-    if verdict == UNKNOWN:
-        return f"{what} is not established: {'; '.join(wanting)}."
-    data = "likelihood of all records" if c.elsewhere else "held-out likelihood"
-    text = (
-        f"without {what} the {data} falls by {c.gain.gain:.3g} nat (95 % interval "
-        f"{c.gain.low:.3g} to {c.gain.high:.3g}), in {c.gain.blocks_improved:.0%} of the blocks; "
-        f"it closes {c.closed:.0%} of the gap"
-    )
-    ranked = sorted((r for r in c.rivals if r.name != c.name), key=lambda r: r.over.odds)
-    if verdict == AMBIGUOUS:
-        odds_of_others = [r.over.odds for r in ranked if r.name in others]
-        odds = f" (odds {odds_of_others[0]:.2g} to 1)" if odds_of_others and not c.traded else ""
-        text += f"; {' and '.join(others)} cannot be excluded{odds}"
-    elif ranked:
-        text += f"; odds {ranked[0].over.odds:.2g} to 1 against the next name, {ranked[0].name}"
-    if places:
-        text += f"; it may also sit at {', '.join(places)}"
-    for e in c.estimates:
-        if e.excludes_absent and e.low <= e.absent <= e.high:
-            size = f"{e.value:.3g} ± {e.with_shapes:.2g}" + f" {e.unit}" * (e.unit != "-")
-            text += f"; {e.name} is known only together with its other values: {size} with these"
-    return text[0].upper() + text[1:] + "."
-
-
-def large(
-    whole: tuple[Sequence[np.ndarray], Sequence[np.ndarray]],
-    before: Score,
-    after: Score,
-    limits: Limits,
-) -> bool:
-    """True if a large share of the gap is closed, on all data and on held-out data.
-
-    Args:
-        whole: Residuals of the reference model and of the selected model on all records.
-        before: Score of the user's own model on held-out data.
-        after: Score of the selected model on held-out data.
-        limits: Conditions for naming an effect.
-    """
-    pairs = whole, (before.residuals, after.residuals)
-    return all(evidence.closed_by(*pair) >= limits.large for pair in pairs)
-
-
-def _overall(rulings: Sequence[Ruling], adequate: bool, much: bool) -> str:
-    """Overall verdict: unknown if the model neither explains the data nor closes much of the gap.
-
-    A model that explains the data only with an effect that is not established is not established
-    either: five of six such names in 400 cases of the blind battery were wrong or incomplete.
-    """
-    verdicts = {r.verdict for r in rulings}
-    if adequate and AMBIGUOUS in verdicts:
-        return AMBIGUOUS
-    if verdicts == {NAMED}:
-        return NAMED if adequate else MORE if much else UNKNOWN
-    if verdicts == {NAMED, AMBIGUOUS} or verdicts == {AMBIGUOUS}:
-        return AMBIGUOUS if much else UNKNOWN
-    return UNKNOWN
-
-
 def _summary(
-    verdict: str,
-    rulings: Sequence[Ruling],
-    loud: float | None,
-    before: float,
-    after: float,
-    closed: float,
+    verdict: str, rulings: Sequence[Ruling], loud: float | None, given: Fitted, model: Fitted
 ) -> str:
     """Sentence on the verdict; `loud` is the largest unexplained rms of a channel [floors]."""
+    before, after = given.held.rms, model.held.rms
+    closed = evidence.closed_by(given.held.residuals, model.held.residuals)
     names = " and ".join(_names(rulings, NAMED))
     groups = ["{" + ", ".join(group) + "}" for group in _groups(rulings)]
     gap = f"the gap falls from {before:.3g} to {after:.3g} noise floors ({closed:.0%} closed)"
@@ -378,16 +190,11 @@ def _summary(
         return f"With {names} {gap}{rest}."
     if verdict == AMBIGUOUS:
         return f"The data cannot tell {'; '.join(groups)} apart; {gap}{rest}."
-    if loud is None and names:
-        unknown = " and ".join(_names(rulings, UNKNOWN))
+    unknown = " and ".join(_names(rulings, UNKNOWN))
+    if loud is None and names and unknown:
         return f"With {names} {gap}, but only beside {unknown}, which the data do not establish."
-    best = " and ".join(filter(None, [names, *groups]))
     if not after < before:
         return f"No known effect explains the gap of {before:.3g} noise floors, or lowers it."
+    best = " and ".join(filter(None, [names, *groups]))
     part = f"{best} would close part of it, to" if best else "the best try leaves"
     return f"No known effect explains the gap of {before:.3g} noise floors; {part} {after:.3g}."
-
-
-def _on_bound(e: Estimate, edge: float) -> bool:
-    """True if on a bound other than "absent", where the interval decides."""
-    return on_bound(e.value, (b for b in (e.least, e.most) if b != e.absent), edge)

@@ -15,7 +15,7 @@ from ..hypotheses.hypotheses import Hypothesis
 from ..prediction.case import Case
 from ..statistics import identify, profile, robust
 from . import doubt
-from .candidates import Estimate
+from .estimates import Estimate
 
 STRENGTH_STEP, LOG_STEP = (
     0.05,

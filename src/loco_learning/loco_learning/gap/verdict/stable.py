@@ -2,8 +2,8 @@
 """Stability of a verdict under other splits of the records, stretches of time and noise floors.
 
 For each split the named model and its closest rivals are refitted to the other records, and the
-record that is left out judges. Stretches and floors need no fit. If another model wins under one
-of these settings, the verdict is ambiguous.
+record that is left out judges. Stretches and floors need no fit. The table is a check of the
+probabilities: if another answer is more probable under one of these settings, this is told.
 """
 
 from __future__ import annotations
@@ -16,15 +16,14 @@ import numpy as np
 
 from ..fitting.fit import Fitted, Setting, fit, weigh
 from ..prediction.case import Case
+from ..probability.weights import NOTHING
+from ..probability.weights import weigh as weights_of
 from ..statistics import evidence
-from .decide import AMBIGUOUS, MORE, NAMED, Decision, Ruling
 
 SPLITS, STRETCHES, FLOORS = 3, 2, (0.5, 2.0)  # settings that are tested
 RIVALS = 2  # models of other names that are refitted
 REFIT = 6  # simulations of a refit, and 2 per parameter
 FLIPS = 3.0  # odds above which evidence is worth mentioning (Kass and Raftery 1995)
-STABLE = 5  # key of random streams
-NOTHING = "nothing"
 
 
 @dataclass(frozen=True)
@@ -34,20 +33,16 @@ class Row:
     Attributes:
         vary: Kind of setting: split, stretch or floor.
         setting: Setting in words.
-        names: Effects of the model that wins; empty for the initial model.
-        odds: Odds of the named model over the best of the others, below 1 if that wins.
-        against: Names of the best other model.
+        names: Effects of the most probable model; empty for the initial model.
+        probability: Probability of the named effects under the setting.
         closed: Share of the gap that the named model closes.
-        flips: Whether another model wins by more than chance.
     """
 
     vary: str
     setting: str
     names: tuple[str, ...]
-    odds: float
-    against: tuple[str, ...]
+    probability: float
     closed: float
-    flips: bool
 
     @property
     def plain(self) -> dict[str, Any]:
@@ -82,13 +77,11 @@ def rows(search: Any, best: Fitted, base: Fitted, others: Sequence[Fitted], seed
         search: Search with its processes, settings and case.
         best: Named model.
         base: The initial model with nominal values refitted.
-        others: Rivals, the hardest to exclude first.
+        others: Rivals, the most probable first.
         seed: Seed of the resampling.
     """
-    alternatives = [m for m in others if m.names != best.names][:RIVALS]
-    models = [best, base, *alternatives]
-    names = [m.names for m in models]
-    return [_row(*each[:2], names, each[2], seed) for each in _settings(search, models)]
+    models = [best, base, *[m for m in others if m.names != best.names][:RIVALS]]
+    return [_row(*each[:2], models, each[2], seed) for each in _settings(search, models)]
 
 
 def _settings(search: Any, models: Sequence[Fitted]) -> Iterator[tuple[str, str, list]]:
@@ -117,56 +110,31 @@ def _loudest(base: Fitted, count: int) -> list[int]:
     return sorted(sorted(range(len(size)), key=lambda i: (-size[i], i))[:count])
 
 
-def _row(vary: str, words: str, names: list, residuals: list, seed: int) -> Row:
-    best, *scores = [evidence.score(r) for r in residuals]
-    rng = np.random.default_rng([seed, STABLE])
-    over = [evidence.compare(best, other, rng).odds for other in scores]
-    closest = int(np.argmin(over))
-    wins = over[closest] >= 1.0
-    return Row(
-        vary,
-        words,
-        names[0] if wins else names[1 + closest],
-        over[closest],
-        names[1 + closest],
-        evidence.closed_by(residuals[1], residuals[0]),
-        over[closest] < 1.0 / FLIPS,
+def _row(vary: str, words: str, models: Sequence[Fitted], residuals: list, seed: int) -> Row:
+    there = [replace(m, whole=tuple(r)) for m, r in zip(models, residuals, strict=True)]
+    weights = weights_of(there, seed)
+    named = set(models[0].names)
+    share = sum(
+        float(value)
+        for model, value in zip(weights.models, weights.values, strict=True)
+        if named <= set(model.names)
     )
+    closed = evidence.closed_by(residuals[1], residuals[0])
+    return Row(vary, words, weights.best.names, share, closed)
 
 
-def downgraded(decision: Decision, table: Sequence[Row]) -> Decision:
-    """The decision, made ambiguous where another model wins under some setting.
+def alarms(table: Sequence[Row]) -> tuple[str, ...]:
+    """A sentence about the setting under which another answer is most probable; empty if none is.
 
     Args:
-        decision: Verdict with the current settings.
         table: Answers under other settings.
     """
-    flips = [row for row in table if row.flips]
-    if decision.verdict not in (NAMED, MORE) or not flips:
-        return decision
-    row = min(flips, key=lambda r: r.odds)
+    flips = [row for row in table if row.probability < 1.0 / (1.0 + FLIPS)]
+    if not flips:
+        return ()
+    row = min(flips, key=lambda r: r.probability)
     names = " and ".join(row.names) or NOTHING
-    text = (
-        f"The name hangs on the settings: with {row.vary} {row.setting!r} {names} has odds of "
-        f"{min(1.0 / max(row.odds, 1e-9), evidence.MOST_ODDS):.3g} to 1. {decision.evidence}"
+    return (
+        f"the name depends on a setting: with {row.vary} {row.setting!r} it has a probability of "
+        f"{row.probability:.2g}, and {names} is more probable",
     )
-    assessments = tuple(_unsure(r, flips, decision.names, text) for r in decision.rulings)
-    return replace(decision, verdict=AMBIGUOUS, rulings=assessments, evidence=text)
-
-
-def _unsure(ruling: Ruling, flips: Sequence[Row], named: Sequence[str], text: str) -> Ruling:
-    """A ruling, made ambiguous if a model that wins under some setting lacks its effect.
-
-    Args:
-        ruling: Ruling with the current settings.
-        flips: Settings under which another model wins.
-        named: All effects that are named with the current settings.
-        text: Sentences of evidence, the first of which is appended to the ruling.
-    """
-    without = [flip for flip in flips if ruling.name not in flip.names]
-    if not without:
-        return ruling
-    alternatives = {name for flip in without for name in flip.names} - set(named)
-    similar = tuple(sorted({*ruling.look_alikes, *alternatives}))
-    return replace(ruling, verdict=AMBIGUOUS, look_alikes=similar, odds=min(ruling.odds, 1.0),
-                   evidence=f"{ruling.evidence} {text.split('. ')[0]}.")  # fmt: skip

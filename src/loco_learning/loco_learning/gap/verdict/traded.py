@@ -1,120 +1,56 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Exclusion of models whose effects are imitated by implausible nominal values.
-
-Where a nominal value and an effect act nearly alike, a fit may move the value out of its plausible
-range and compensate this with the effect. Models without such a pair are preferred if they explain
-the data, and the excluded ones are reported.
-"""
+"""Values of the robot that a fit moved: those that stray, crowd on bounds, or are established."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 from scipy.special import bdtr, ndtr
 
 from ..fitting.fit import Fitted
-from ..hypotheses.hypotheses import Hypothesis
 from ..prediction.case import Case
 from ..prediction.loose import MOST, NEAR
-from ..statistics.identify import Identifiability
-from .decide import Limits
-from .leftover import RARE
-from .sensitivity import sensitivities
+from ..statistics.leftover import LIMITS
+from .estimates import ALARMS, Alarms
 
 TOLD = 3  # deviating values that are listed by name
 
 
-@dataclass(frozen=True)
-class LeftOut:
-    """A model that was excluded because nominal values imitate its effects.
+def strained(
+    model: Fitted, values: Mapping[str, float], spread: float, limits: Alarms = ALARMS
+) -> tuple[str, ...]:
+    """Free values that a fit moved out of their plausible range, a sentence each.
 
-    Attributes:
-        model: Model with its nominal values.
-        effects: Name and place of each imitated effect, with the cosine.
-        values: Nominal values outside of their plausible range.
+    Args:
+        model: Fitted model.
+        values: Nominal values of the robot by dotted name.
+        spread: Standard deviation of the logarithm of a value.
+        limits: Smallest deviations that are implausible.
     """
+    return tuple(
+        f"{name} goes to {value:.3g}, {value / values[name]:.3g} times what the robot says: more "
+        f"than {limits.strained:g} deviations of its prior"
+        for name, value in model.overrides.items()
+        if abs(math.log(value / values[name])) > limits.strained * spread
+    )
 
-    model: Fitted
-    effects: tuple[tuple[str, str, float], ...]
-    values: tuple[str, ...]
 
+def penalty(model: Fitted, values: Mapping[str, float], spread: float) -> float:
+    """Logarithm of the prior odds against the free values of a model [nat].
 
-@dataclass(frozen=True)
-class Nominal:
-    """Refitted values with their nominal values in the robot.
-
-    Attributes:
-        values: Value by dotted name.
-        spread: Standard deviation of their logarithm.
+    Args:
+        model: Fitted model.
+        values: Nominal values of the robot by dotted name.
+        spread: Standard deviation of the logarithm of a value.
     """
-
-    values: Mapping[str, float]
-    spread: float
-
-    def strained(self, model: Fitted, limits: Limits) -> tuple[str, ...]:
-        """Values that a fit moved out of their plausible range."""
-        limit = limits.strained * self.spread
-        return tuple(
-            name
-            for name, value in model.overrides.items()
-            if abs(math.log(value / self.values[name])) > limit
-        )
-
-    def alarms(self, model: Fitted, limits: Limits) -> tuple[str, ...]:
-        """Implausible values of a model, a sentence each."""
-        return tuple(
-            f"{name} goes to {model.overrides[name]:.3g}, "
-            f"{model.overrides[name] / self.values[name]:.3g} times what the robot says: more than "
-            f"{limits.strained:g} deviations of its prior"
-            for name in self.strained(model, limits)
-        )
-
-    def traded(
-        self, model: Fitted, of: Hypothesis, known: Identifiability, limits: Limits
-    ) -> tuple[str, ...]:
-        """Implausible values that imitate an effect."""
-        similarity = cosine(of, known)
-        return self.strained(model, limits) if similarity > limits.imitated else ()
-
-    def believed(
-        self,
-        case: Case,
-        models: Sequence[Fitted],
-        limits: Limits,
-        explains: Callable[[Fitted], bool],
-    ) -> tuple[list[Fitted], list[LeftOut]]:
-        """Models whose effects are not imitated by implausible values, if one explains the data.
-
-        Args:
-            case: Model and data.
-            models: Models, the best first.
-            limits: Conditions for naming an effect.
-            explains: Predicate: a model explains the data.
-
-        Returns:
-            Models to consider, all if none explains the data, and the excluded ones.
-        """
-        retained, out = [], []
-        for model in models:
-            excluded = self._left_out(case, model, limits)
-            (out if excluded else retained).append(excluded or model)
-        return (retained, out) if any(map(explains, retained)) else (list(models), [])
-
-    def _left_out(self, case: Case, model: Fitted, limits: Limits) -> LeftOut | None:
-        values = self.strained(model, limits)
-        if not values:
-            return None
-        analysis = sensitivities(case, model)[1]
-        similarities = [(h.effect, h.place, cosine(h, analysis)) for h, _ in model.parts]
-        matches = tuple(one for one in similarities if one[2] > limits.imitated)
-        return LeftOut(model, matches, values) if matches else None
+    logs = [math.log(value / values[name]) / spread for name, value in model.overrides.items()]
+    return 0.5 * float(np.sum(np.square(logs)))
 
 
-def strayed(case: Case, model: Fitted, limits: Limits) -> tuple[str, ...]:
+def strayed(case: Case, model: Fitted, limits: Alarms = ALARMS) -> tuple[str, ...]:
     """Uncertain values that were refitted out of their plausible range, a sentence each."""
     if case.loose is None:
         return ()
@@ -138,7 +74,7 @@ def crowded(case: Case, model: Fitted) -> str:
     """
     on = on_bounds(case, model)
     count, probability = int(np.sum(on)), 2.0 * ndtr(-MOST)
-    if not count or 1.0 - bdtr(count - 1, len(on), probability) >= RARE:
+    if not count or 1.0 - bdtr(count - 1, len(on), probability) >= LIMITS.rare:
         return ""
     return (
         f"{count} of {len(on)} values on their bound: the model lacks something that these "
@@ -190,9 +126,3 @@ def little_off(case: Case, model: Fitted) -> list[str]:
     distant = [row for row in scores if row[0] > NEAR] or ([] if model.overrides else scores[:1])
     messages = [f"{n} ({at:.3g} to {model.loose[n]:.3g})" for _, n, at in distant[:TOLD]]
     return messages + ([f"{len(distant) - TOLD} more"] if len(distant) > TOLD else [])
-
-
-def cosine(of: Hypothesis, known: Identifiability) -> float:
-    """Largest cosine of an effect's strengths with the span of the nominal values."""
-    names = (f"{of.effect}.{c.label} {of.place}".strip() for c in of.coordinates if c.strength)
-    return max((known.imitated.get(name, 0.0) for name in names), default=0.0)

@@ -1,0 +1,91 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Criteria for a residual that is small enough for the model to explain the data."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.special import ndtri
+
+from loco_control.params import Params, parameter
+
+from . import evidence
+
+KURTOSIS = 4.0  # variance of a squared noise value; 2 for a normal law
+
+
+@dataclass(frozen=True)
+class Limits(Params):
+    """When a model explains the data: the same numbers decide everywhere.
+
+    They decide whether there is a gap, whether a search starts and ends, which effects are visible,
+    and whether more is missing.
+    """
+
+    # Battery: residual of a true model from noise, jitter of stamps and the other integrator.
+    explained: float = parameter(
+        1.25, "rms of a channel [floors], beyond chance, up to which a model explains it", low=1.0
+    )
+    # Shares of the gap are those of the rms above noise (`evidence.closed_by`). No model of real
+    # hardware reduces a large gap to noise (taste).
+    most: float = parameter(
+        0.9, "share of a channel's gap in a record whose closing is as good as explaining it",
+        high=1.0,
+    )  # fmt: skip
+    rare: float = parameter(
+        0.01, "probability of a false alarm by noise in any of the channels (taste)", low=0.0,
+        high=0.5,
+    )  # fmt: skip
+
+
+LIMITS = Limits()
+
+
+def explained(residuals: Sequence[np.ndarray], limits: Limits = LIMITS) -> np.ndarray:
+    """Channels whose residual is noise, with an allowance for chance, (C,) bool.
+
+    Args:
+        residuals: Whitened residuals of a model, (T, C) per record; NaN where not measured.
+        limits: Conditions.
+    """
+    power = np.sum([np.nansum(np.square(r), axis=0) for r in residuals], axis=0)
+    count = np.maximum(np.sum([np.isfinite(r).sum(0) for r in residuals], axis=0), 1)
+    z = ndtri(1.0 - limits.rare / residuals[0].shape[1])
+    return power / count <= limits.explained**2 * (1.0 + z * np.sqrt(KURTOSIS / count))
+
+
+def has_gap(residuals: Sequence[np.ndarray], limits: Limits = LIMITS) -> bool:
+    """True if some channel's residual is above its floor by more than chance.
+
+    Args:
+        residuals: Whitened residuals of a model on all records, (T, C) each.
+        limits: Conditions.
+    """
+    return not explained(residuals, limits).all()
+
+
+def adequate(
+    before: Sequence[np.ndarray],
+    after: Sequence[np.ndarray],
+    enough: np.ndarray | None = None,
+    limits: Limits = LIMITS,
+) -> bool:
+    """True if each channel of each record is near the floor, or most of its gap is closed.
+
+    Args:
+        before: Whitened residuals of the initial model, (T, C) per record.
+        after: Whitened residuals of the selected model, (T, C) per record.
+        enough: Rms over all records [floors] up to which a channel counts as explained, (C,).
+        limits: Conditions.
+    """
+    total = evidence.by_channel(after)
+    left = [c for c, rms in enumerate(total) if enough is None or rms > enough[c]]
+    for old, new in zip(before, after, strict=True):
+        noise = explained([new], limits)
+        for column in left:
+            rms = [evidence.rms([r[:, [column]]]) for r in (old, new)]
+            if not noise[column] and evidence.closed(*rms) < limits.most:
+                return False
+    return True
