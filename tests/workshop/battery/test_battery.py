@@ -117,30 +117,34 @@ def test_a_battery_goes_on_and_refuses_another_one(tmp_path, monkeypatch):
     assert "http" not in page and "case_0004" in page
 
 
-def test_an_ambiguous_case_is_asked_again_with_the_experiment_it_proposes(tmp_path, monkeypatch):
-    """The robot moves as the library says, and the workflow gets one bag more."""
+def test_an_ambiguous_case_is_asked_again_with_the_experiments_it_proposes(tmp_path, monkeypatch):
+    """The robot moves as the library says, and the workflow gets one bag more each time."""
     seen = []
 
     def examined(place, robot, seed, more=()):
         _, fit, held = gap_battery_case.read(place, robot, more)
         seen.append([r.name for r in fit])
         proposed = [{"experiment": "preload", "separates": ["a", "b"], "odds": 20.0}]
-        verdict = "named" if more else "ambiguous"
+        verdict = "named" if len(more) > 1 else "ambiguous"
         return {"verdict": verdict, "names": [], "terms": [], "next": proposed}
 
     monkeypatch.setattr(gap_battery_case, "examined", examined)
     case = cases.Case("case_0000", "linear_axis", "null", "", 5)
     first = gap_battery_case.work(tmp_path, case, (), ())
-    assert gap_battery_case.unfinished(case, first, (), True)
-    assert not gap_battery_case.unfinished(case, first, (), False)
-    result = gap_battery_case.work(tmp_path, case, (), (), follow=True)
-    assert result["verdict"] == "ambiguous" and result["followed"]["verdict"] == "named"
+    assert gap_battery_case.unfinished(case, first, (), 1)
+    assert not gap_battery_case.unfinished(case, first, (), 0)
+    once = gap_battery_case.work(tmp_path, case, (), (), follow=1)
+    assert not gap_battery_case.unfinished(case, once, (), 1)
+    assert gap_battery_case.unfinished(case, once, (), 3)
+    result = gap_battery_case.work(tmp_path, case, (), (), follow=3)
+    verdicts = [answer["verdict"] for answer in gap_battery_case.answers(result)]
+    assert verdicts == ["ambiguous", "ambiguous", "named"]
     assert result["followed"]["experiment"] == "preload"
-    assert seen == [["fit_chirp", "fit_ramp", "fit_steps"],
-                    ["fit_chirp", "fit_ramp", "fit_steps", "next"]]  # fmt: skip
+    given = ["fit_chirp", "fit_ramp", "fit_steps"]
+    assert seen == [given, [*given, "next_1"], [*given, "next_1", "next_2"]]
     assert result == gap_battery_bags.result(tmp_path, "case_0000")
-    assert not gap_battery_case.unfinished(case, result, (), True)
-    (made,) = load(tmp_path / "bags/case_0000/next", robots.load("linear_axis"))
+    assert not gap_battery_case.unfinished(case, result, (), 3)
+    (made,) = load(tmp_path / "bags/case_0000/next_1", robots.load("linear_axis"))
     assert made.duration == pytest.approx(7.5, abs=0.01)
     moved = np.ptp(made.signals["q"]) / np.ptp(made.command["position"])
     assert moved == pytest.approx(1.0, abs=0.3)

@@ -116,6 +116,9 @@ def test_the_experiment_that_was_run_next_is_scored_beside_the_first_verdict():
     assert plain["then"] is None and score.followed([plain]) == []
     first = result("ambiguous", ambiguous=[["coulomb_friction", "hysteresis"]])
     later = {**result("named", [term(*FRICTION[0])]), "experiment": "still_poses"}
+    between = {**first, "experiment": "preload", "followed": later}
+    twice = score.row(case, {**first, "followed": between})
+    assert twice["then"]["top1"] and twice["experiment"] == "preload, still_poses"
     r = score.row(case, {**first, "followed": later})
     assert r["abstained"] and not r["top1"] and r["experiment"] == "still_poses"
     rows = score.followed([plain, r])

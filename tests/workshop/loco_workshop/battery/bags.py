@@ -28,7 +28,7 @@ from .physics.plant import Reading
 
 BAGS, TRUTH, RESULTS = "bags", "truth", "results"
 TIMES = "times.csv"  # the only file of a battery that differs from run to run
-NEXT = "next"  # bag of the experiment proposed by an ambiguous verdict
+NEXT = "next"  # begin of the names of the bags of proposed experiments
 
 
 def write(folder: Path, case: Case, robot: str = "") -> None:
@@ -51,18 +51,21 @@ def write(folder: Path, case: Case, robot: str = "") -> None:
     write_json(folder / TRUTH / f"{case.name}.json", cases.truth(case))  # written last
 
 
-def write_next(folder: Path, name: str, moved: tuple[np.ndarray, np.ndarray]) -> None:
+def write_next(
+    folder: Path, name: str, record: str, moved: tuple[np.ndarray, np.ndarray]
+) -> None:
     """Write the bag of one further experiment with the robot of a case.
 
     Args:
         folder: Folder of the battery.
         name: Name of the case.
+        record: Name of the bag.
         moved: Commanded positions and velocities of the driven joints, (T, m) each.
     """
     case = cases.from_truth(truth(folder, name))
-    bag = folder / BAGS / name / NEXT
+    bag = folder / BAGS / name / record
     shutil.rmtree(bag, ignore_errors=True)
-    write_bag(bag, cases.further(case, NEXT, moved), case.robot)
+    write_bag(bag, cases.further(case, record, moved), case.robot)
 
 
 def ready(folder: Path, name: str) -> bool:

@@ -90,7 +90,10 @@ def row(truth: Mapping[str, Any], result: Mapping[str, Any]) -> dict[str, Any]:
     cells["probabilities"] = [(p, name in true) for name, p in effects.items()]
     later = result.get("followed")
     cells["experiment"] = later["experiment"] if later else ""
-    cells["then"] = row(truth, later) if later else None
+    last = row(truth, later) if later else None
+    cells["then"] = last["then"] or last if last else None
+    if last and last["experiment"]:
+        cells["experiment"] += f", {last['experiment']}"
     return cells
 
 

@@ -46,7 +46,7 @@ def work(
     case: Case,
     effects: tuple[str, ...],
     baselines: tuple[str, ...],
-    follow: bool = False,
+    follow: int = 0,
     settings: int = 0,
 ) -> dict:
     """Run the missing parts of a case (bags, workflow, baselines) and save the result.
@@ -56,8 +56,8 @@ def work(
         case: Case from `cases.plan`.
         effects: Patterns that single effects match.
         baselines: Names of the baselines to run.
-        follow: Whether to simulate the experiment that an ambiguous verdict proposes, and to search
-            again with it.
+        follow: Number of experiments that are simulated one after the other at most, each as an
+            ambiguous verdict proposes, with a search after each.
         settings: Number of other settings under which a search with a named effect is repeated.
     """
     make(folder, case, effects)
@@ -67,9 +67,10 @@ def work(
         with _timed(folder, case.name, "search"):
             result = {"case": case.name, **examined(place, case.robot, case.seed)}
         bags.keep(folder, result)
-    if follow and unfollowed(result):
+    while unfollowed(result, follow):
+        *_, last = chain = answers(result)
         with _timed(folder, case.name, "followed"):
-            result["followed"] = followed(folder, case, result)
+            last["followed"] = followed(folder, case, last, len(chain))
         bags.keep(folder, result)
     for setting in unasked(result, case.seed, settings):
         with _timed(folder, case.name, "settings"):
@@ -104,19 +105,33 @@ def unfinished(
     case: Case,
     result: dict[str, Any] | None,
     baselines: tuple[str, ...],
-    follow: bool = False,
+    follow: int = 0,
     settings: int = 0,
 ) -> bool:
     """Whether parts of a case are missing; arguments as for `work`."""
-    if result is None or lacking(result, baselines) or (follow and unfollowed(result)):
+    if result is None or lacking(result, baselines) or unfollowed(result, follow):
         return True
     return bool(unasked(result, case.seed, settings))
 
 
-def unfollowed(result: dict[str, Any]) -> bool:
-    """Whether a verdict is ambiguous and proposes an experiment that was not run."""
-    ambiguous = result["verdict"] == "ambiguous" and bool(result.get("next"))
-    return ambiguous and "followed" not in result
+def answers(result: dict[str, Any]) -> list[dict[str, Any]]:
+    """The first verdict of a case, and that after each experiment."""
+    found = [result]
+    while "followed" in found[-1]:
+        found.append(found[-1]["followed"])
+    return found
+
+
+def unfollowed(result: dict[str, Any], follow: int) -> bool:
+    """Whether the last verdict is ambiguous and proposes an experiment that may still be run.
+
+    Args:
+        result: Result of the case.
+        follow: Largest number of experiments.
+    """
+    *before, last = answers(result)
+    ambiguous = last["verdict"] == "ambiguous" and bool(last.get("next"))
+    return ambiguous and len(before) < follow
 
 
 def unasked(result: dict[str, Any], seed: int, count: int) -> list[tuple[float, str, float]]:
@@ -136,13 +151,21 @@ def asked(place: Path, robot: str, seed: int, setting: tuple[float, str, float])
     return {**options, "verdict": result["verdict"], "names": result["names"]}
 
 
-def followed(folder: Path, case: Case, result: dict[str, Any]) -> dict[str, Any]:
-    """Result of the workflow with its proposed experiment."""
+def followed(folder: Path, case: Case, result: dict[str, Any], count: int) -> dict[str, Any]:
+    """Result of the workflow with its proposed experiment and all earlier ones.
+
+    Args:
+        folder: Folder of the battery.
+        case: Case of the robot.
+        result: Last verdict, which proposes the experiment.
+        count: Number of experiments with this one.
+    """
     name = result["next"][0]["experiment"]
     place = folder / bags.BAGS / case.name
     moved = motion(model_of(case.robot), name, machines.get(case.robot).rate)
-    bags.write_next(folder, case.name, moved)
-    return {"experiment": name, **examined(place, case.robot, case.seed, (bags.NEXT,))}
+    more = tuple(f"{bags.NEXT}_{k}" for k in range(1, count + 1))
+    bags.write_next(folder, case.name, more[-1], moved)
+    return {"experiment": name, **examined(place, case.robot, case.seed, more)}
 
 
 def motion(model: Any, name: str, rate: float) -> tuple[np.ndarray, np.ndarray]:
