@@ -126,8 +126,8 @@ def term_lines(result: Result) -> list[str]:
     """One line per term: effect, place, size, certainty."""
     lines = []
     for term in result.get("terms") or ():
-        sure = f"; probability {probability(term['probability'])}" if "probability" in term else ""
-        lines.append(f"{term_name(term)}: {', '.join(sizes(term)) or 'no size'}{sure}")
+        sure = probability(term.get("probability"))
+        lines.append(f"{term_name(term)}: {', '.join(sizes(term)) or 'no size'}; probability {sure}")
     return lines
 
 
