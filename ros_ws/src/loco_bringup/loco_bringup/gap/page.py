@@ -121,8 +121,7 @@ def _cards(result: Mapping[str, Any]) -> list[tuple[str, str, str]]:
         cards.append(("Learned correction", share, f"{text.CLOSED}; explains nothing"))
     values = [t["probability"] for t in result["terms"] if t.get("probability") is not None]
     if values and result["verdict"] in (*text.NAMED, "ambiguous"):
-        what = "of the least certain effect, among all models that were fitted"
-        cards.append(("Probability", text.probability(min(values)), what))
+        cards.append(("Probability", text.probability(min(values)), "of the least certain effect"))
     return cards
 
 
