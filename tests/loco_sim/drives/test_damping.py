@@ -12,7 +12,7 @@ from loco_sim.effects.base import make
 from loco_sim.params import SimParams
 from loco_sim.plant.simulation import Simulation
 from loco_sim.robot import robot
-from loco_sim.world.world import make_world
+from loco_sim.world.world import Base, make_world
 
 LEGS = ("*_haa_joint", "*_hfe_joint", "*_kfe_joint")
 
@@ -43,9 +43,8 @@ def test_energy_never_grows_by_damping(hyq, engine, fixed, gain, passive):
     world.rebuild(hyq.standing, height=5.0)
     rng = np.random.default_rng(3)
     turning = () if fixed else ((0.3, -0.2, 0.0), (0.3, 0.2, -0.4))
-    world.put(
-        hyq.standing, rng.uniform(-6.0, 6.0, 12), (0.0, 0.0, 5.0), (0.0, 0.0, 0.0, 1.0), *turning
-    )
+    base = Base((0.0, 0.0, 5.0), (0.0, 0.0, 0.0, 1.0), *turning)
+    world.put(hyq.standing, rng.uniform(-6.0, 6.0, 12), base)
     law = np.zeros((4, 12))
     law[1], law[2], law[3] = gain, np.inf if gain else 0.0, passive
     energy, work = [world.energy()[1]], []

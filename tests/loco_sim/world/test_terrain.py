@@ -10,13 +10,14 @@ from loco_sim.engines import installed
 from loco_sim.plant.simulation import Simulation
 from loco_sim.robot import robot
 from loco_sim.world.terrain import BEHIND, CELL, SIDE, Patches, Terrain
+from loco_sim.world.world import Base
 
 HILLS = Terrain("uneven", 0.03, 0.4, 0, 0.8)
 
 
 def settled(world, hyq, at, each=lambda t: None):
     """Places of the feet of a HyQ that stands up where it was put, [m] each."""
-    world.put(hyq.standing, np.zeros(12), at)
+    world.put(hyq.standing, np.zeros(12), Base(at))
     for step in range(900):
         q, dq = world.joint_states()
         each(0.001 * step)

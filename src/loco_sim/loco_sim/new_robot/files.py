@@ -9,7 +9,6 @@ import tempfile
 import xml.etree.ElementTree as ET
 from collections import Counter
 from collections.abc import Collection, Iterable, Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -154,139 +153,150 @@ class Draft:
         return [*self.tidied.notes, *extra, *locks, *self.notes]
 
 
+@dataclass
 class Folder:
-    """A robot folder in a temporary location.
+    """Context of a robot folder in a temporary location for a trial; deleted unless it is kept.
 
     Attributes:
-        kept: Whether it has been moved to its final location.
+        draft: The robot.
+        out: Final location of the folder.
+        body: Tree of the robot.
+        q: Standing posture, (n,).
+        gains: Gains of the drives.
+        supports: Supports of the robot; empty for a fixed base.
+        height: Height of the base [m].
+        amplitude: Swing amplitude of each joint of a fixed-base robot [rad or m], (n,).
     """
 
-    def __init__(
-        self,
-        draft: Draft,
-        out: Path,
-        place: Path,
-        body: Body,
-        q: np.ndarray,
-        gains: Gains,
-        found: list[Support],
-        height: float,
-        amplitude: np.ndarray | None,
-    ):
-        self._draft, self._out, self._place, self._body = draft, out, place, body
-        self._q, self._gains, self._found, self._height = q, gains, found, height
-        self._amplitude, self.kept = amplitude, False
-        (place / f"{self._stem}.urdf").write_text(draft.text() + "\n", encoding="utf-8")
-        self._write()
+    draft: Draft
+    out: Path
+    body: Body
+    q: np.ndarray
+    gains: Gains
+    supports: list[Support]
+    height: float
+    amplitude: np.ndarray | None = None
+
+    def __enter__(self) -> Folder:
+        """Write URDF and ``robot.yaml`` beside the final location."""
+        urdf, values = self.draft.text(), self._yaml()
+        above = next(p for p in self.out.resolve().parents if p.is_dir())
+        self._place = Path(tempfile.mkdtemp(dir=above, prefix=f".{self.out.name}."))
+        os.chmod(self._place, 0o755)
+        (self._place / f"{self._stem}.urdf").write_text(urdf + "\n", encoding="utf-8")
+        (self._place / "robot.yaml").write_text(values, encoding="utf-8")
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        """Delete the folder, if it is still there."""
+        shutil.rmtree(self._place, ignore_errors=True)
 
     @property
     def _stem(self) -> str:
-        return stem(self._draft.urdf)
-
-    def _write(self) -> None:
-        (self._place / "robot.yaml").write_text(self._yaml(), encoding="utf-8")
+        return stem(self.draft.urdf)
 
     def robot(self) -> robots.Robot:
         """The robot; without the section `legs` if the gait generator does not support its legs."""
         try:
             return robots.load(self._place)
         except ParameterError as error:
-            if not self._draft.legs:
+            if not self.draft.legs:
                 raise
             reason = str(error).split(": ", 1)[-1].split("; ")[0].split(": the gait")[0]
-            self._draft.notes.append(f"no `legs:` for the gait generator, as {reason}")
-            self._draft.legs = {}
-            self._write()
+            self.draft.notes.append(f"no `legs:` for the gait generator, as {reason}")
+            self.draft.legs = {}
+            (self._place / "robot.yaml").write_text(self._yaml(), encoding="utf-8")
             return robots.load(self._place)
 
     def keep(self) -> None:
         """Write the remaining files and move the folder to its final location."""
         robot = self.robot()
         if not picture(robot, self._place / "picture.png"):
-            self._draft.notes.append("no picture, as nothing of it has a shape, length or mass")
+            self.draft.notes.append("no picture, as nothing of it has a shape, length or mass")
         (self._place / "experiment.yaml").write_text(self._experiment(robot), encoding="utf-8")
-        self._out.parent.mkdir(parents=True, exist_ok=True)
-        os.rename(self._place, self._out)
-        self.kept = True
+        self.out.parent.mkdir(parents=True, exist_ok=True)
+        os.rename(self._place, self.out)
 
     # ---- texts
 
     def _yaml(self) -> str:
-        draft, body, gains, bolted = self._draft, self._body, self._gains, not self._found
+        draft, bolted = self.draft, not self.supports
         freed, other = draft.freed()
         lines = [
             f"# A first robot from {draft.urdf.name}, by `loco robot new`. What is marked as",
             "# guessed is not in the URDF: replace it by what you know.",
             f"urdf: {self._stem}.urdf",
             f"fixed_base: {str(bolted).lower()}  # guessed",
-            f"joints: [{_names([*body.joints, *freed])}]",
+            f"joints: [{_names([*self.body.joints, *freed])}]",
         ]
         if freed:
             lines.append("locked:  # guessed; a joint moves once its line is deleted [rad, m]")
             for name in freed:
                 position, reason = draft.locked[name]
                 lines.append(f"  {_name(name)}: {position + 0.0:.6g}  # {reason}")
-        if self._found:
-            lines.append(f"feet: [{_names(s.link for s in self._found)}]  # guessed")
+        if self.supports:
+            lines.append(f"feet: [{_names(s.link for s in self.supports)}]  # guessed")
         if draft.legs:
             lines.append("legs:  # guessed")
             for leg, parts in draft.legs.items():
                 inside = ", ".join(f"{key}: {_name(value)}" for key, value in parts.items())
                 lines.append(f"  {leg}: {{{inside}}}")
-        at = [*self._q, *(draft.locked[name][0] for name in freed)]
+        at = [*self.q, *(draft.locked[name][0] for name in freed)]
         posture = ", ".join(f"{v + 0.0:.5g}" for v in np.round(at, 5))
         lines.append(f"standing: [{posture}]  # guessed [rad, m]")
         if bolted:
-            lines.append(f"height: {self._height:g}  # guessed: nothing touches the ground [m]")
+            lines.append(f"height: {self.height:g}  # guessed: nothing touches the ground [m]")
         lines.append(f"control_rate: {RATE:g}  # guessed [Hz]")
         lines.append("guessed: [control_rate, drives]  # `loco gap` fits drives; delete once known")
+        lines += self._drives(freed, other)
+        if self.supports:
+            lines.append("contacts:  # guessed")
+            lines += [f"  {_name(s.link)}: {{friction: 1.0}}" for s in self.supports]
+            tall = self.height > TALL * draft.size
+            low = f"height: {LOW * self.height:.3g}, " if tall else ""
+            lines.append(f"fall: {{{low}roll: {TILT}, pitch: {TILT}}}  # guessed [m, rad]")
+        return "\n".join(lines) + "\n"
+
+    def _drives(self, freed: list[str], other: Gains | None) -> Iterator[str]:
+        """Lines about drives, springs and rotors; arguments from `Draft.freed`."""
+        draft, body, gains = self.draft, self.body, self.gains
         origin = "from the actuators of the file" if draft.gains else "guessed"
-        lines.append(f"drives:  # {origin}; a kp of 0 is a wheel that follows a velocity")
+        yield f"drives:  # {origin}; a kp of 0 is a wheel that follows a velocity"
         every = [*zip(body.joints, gains.kp, gains.kd, gains.armature + body.armature, strict=True)]
         if other is not None:
             every += zip(freed, other.kp, other.kd, other.armature, strict=True)
         for name, kp, kd, _ in every:
             if name not in draft.loose:
-                lines.append(f"  {_name(name)}: {{kind: impedance, kp: {kp:.3g}, kd: {kd:.3g}}}")
-        lines += self._springs()
+                yield f"  {_name(name)}: {{kind: impedance, kp: {kp:.3g}, kd: {kd:.3g}}}"
+        yield from self._springs()
         if any(armature > 0.0 for *_, armature in every):
             guessed = "guessed for joints that are too light" if gains.armature.any() else "read"
-            lines.append(f"dynamics:  # rotors and gears, {guessed} [kg·m²]")
+            yield f"dynamics:  # rotors and gears, {guessed} [kg·m²]"
             for name, *_, value in every:
                 if value > 0.0:
-                    lines.append(f"  {_name(name)}: {{armature: {value:.3g}}}")
-        if self._found:
-            lines.append("contacts:  # guessed")
-            lines += [f"  {_name(s.link)}: {{friction: 1.0}}" for s in self._found]
-            low = f"height: {LOW * self._height:.3g}, " if self._tall() else ""
-            lines.append(f"fall: {{{low}roll: {TILT}, pitch: {TILT}}}  # guessed [m, rad]")
-        return "\n".join(lines) + "\n"
+                    yield f"  {_name(name)}: {{armature: {value:.3g}}}"
 
     def _springs(self) -> list[str]:
         """Lines about the springs in the file, for joints that are not locked."""
-        springs = self._draft.tidied.rotors.springs
+        springs = self.draft.tidied.rotors.springs
         lines = [
             f"  {_name(name)}: {{kind: linear, stiffness: {stiffness:.6g}, rest: {rest:.6g}}}"
             for name, (stiffness, rest) in springs.items()
-            if name in self._body.joints or name in self._draft.locked
+            if name in self.body.joints or name in self.draft.locked
         ]
         return ["springs:  # read", *lines] if lines else []
 
-    def _tall(self) -> bool:
-        """Whether the base is high enough for a low base to indicate a fall."""
-        return self._height > TALL * self._draft.size
-
     def _experiment(self, robot: robots.Robot) -> str:
         offset = ", ".join(f"{v + 0.0:.5g}" for v in robot.standing[robot.driven])
-        if self._amplitude is None:
+        if self.amplitude is None:
             what, seconds, amplitude = "stands", STANDS, "0.0"
         else:
-            order = [self._body.joints.index(robot.joints[i]) for i in robot.driven]
+            order = [self.body.joints.index(robot.joints[i]) for i in robot.driven]
             what, seconds = "swings all joints", 10.0
-            amplitude = ", ".join(f"{v:.3g}" for v in self._amplitude[order])
+            amplitude = ", ".join(f"{v:.3g}" for v in self.amplitude[order])
         return (
-            f"# The first experiment of a new robot: loco run {self._out / 'experiment.yaml'}\n"
-            f"name: {_name(self._out.name)}\n"
+            f"# The first experiment of a new robot: loco run {self.out / 'experiment.yaml'}\n"
+            f"name: {_name(self.out.name)}\n"
             f"description: {self._stem} {what} for {seconds:g} s.\n"
             "robot: robot.yaml\n"
             f"duration: {seconds}\n"
@@ -298,10 +308,23 @@ class Folder:
             "  phase: [0.0]\n"
         )
 
+    def _gain_rows(self) -> Iterator[tuple[str, str, str]]:
+        """Rows about the gains of the drives, and the rotors that they need."""
+        gains, read = self.gains, self.draft.gains
+        driven = gains.kp[gains.kp > 0.0]
+        kp = f"kp {driven.min():.3g} to {driven.max():.3g}, " if len(driven) else ""
+        step = f", {gains.steps} sub-steps" if gains.steps > 1 else ""
+        text = f"{kp}kd {gains.kd.min():.3g} to {gains.kd.max():.3g}{step}"
+        if read and not all(j in read and read[j][1] > 0.0 for j in self.body.joints):
+            text += f"; kp of {len(read)} actuators of the file, the others guessed"
+        yield "gains", text, READ if read else GUESSED
+        if count := int((gains.armature > 0.0).sum()):
+            yield "armature", f"of {count} joints that are too light for gains", GUESSED
+
     def rows(self, outcome: Outcome, posture: Posture | None) -> list[tuple[str, str, str]]:
         """Rows of the report table: a property, its value, its origin."""
-        draft, body, gains = self._draft, self._body, self._gains
-        mass, wheels = body.mass.sum(), sum(s.wheel for s in self._found)
+        draft, body = self.draft, self.body
+        mass, wheels = body.mass.sum(), sum(s.wheel for s in self.supports)
         slides = int(body.slides.sum())
         moving = f"{len(body.joints)}" + f" move, {len(draft.locked)} locked" * bool(draft.locked)
         meshes = {m.get("filename") for m in draft.root.iter("mesh")}
@@ -320,12 +343,12 @@ class Folder:
             text = " and ".join(f"{kind} of {count}" for kind, count in sorted(kinds.items()))
             rows.append(("limits", f"{text} joints, from the weight and the size", GUESSED))
         if posture is None:
-            rows.append(("base", f"bolted {self._height:g} m above the ground", GUESSED))
+            rows.append(("base", f"bolted {self.height:g} m above the ground", GUESSED))
         else:
             some = "feet and wheels" if wheels else "feet"
-            kind = "wheels" if wheels == len(self._found) else some
-            links = listed([s.link for s in self._found])
-            rows.append(("base", f"floating, on {len(self._found)} {kind}: {links}", GUESSED))
+            kind = "wheels" if wheels == len(self.supports) else some
+            links = listed([s.link for s in self.supports])
+            rows.append(("base", f"floating, on {len(self.supports)} {kind}: {links}", GUESSED))
             rows.append((
                 "posture", f"base {posture.height:.3f} m high, mass {posture.margin:.3f} m inside "
                 "the polygon of the feet", GUESSED,
@@ -334,19 +357,7 @@ class Folder:
             first = next(iter(draft.legs.values()))
             names = ", ".join(first[key] for key in ("haa", "hfe", "kfe"))
             rows.append(("legs", f"lf rf lh rh, lf is {names}", GUESSED))
-        driven = gains.kp[gains.kp > 0.0]
-        kp = f"kp {driven.min():.3g} to {driven.max():.3g}, " if len(driven) else ""
-        step = f", {gains.steps} sub-steps" if gains.steps > 1 else ""
-        text = f"{kp}kd {gains.kd.min():.3g} to {gains.kd.max():.3g}{step}"
-        if draft.gains:
-            origin = f"kp of {len(draft.gains)} actuators of the file, the others guessed"
-            complete = all(j in draft.gains and draft.gains[j][1] > 0.0 for j in body.joints)
-            rows.append(("gains", text if complete else f"{text}; {origin}", READ))
-        else:
-            rows.append(("gains", text, GUESSED))
-        if gains.armature.any():
-            count = int((gains.armature > 0.0).sum())
-            rows.append(("armature", f"of {count} joints that are too light for gains", GUESSED))
+        rows += self._gain_rows()
         gave = f"joints within {outcome.gave:.3f}, load at most {100.0 * outcome.load:.0f} %"
         if posture is None:
             rows.append(("swings", f"{SWINGS:g} s; {gave} of their effort", TRIED))
@@ -363,30 +374,3 @@ def _name(name: str) -> str:
 
 def _names(names: Iterable[str]) -> str:
     return ", ".join(map(_name, names))
-
-
-@contextmanager
-def written(
-    draft: Draft, out: Path, body: Body, q: np.ndarray, gains: Gains, found: list[Support],
-    height: float, amplitude: np.ndarray | None = None,
-) -> Iterator[Folder]:  # fmt: skip
-    """Context of a temporary robot folder for a trial; it is deleted at the end unless kept.
-
-    Args:
-        draft: The robot.
-        out: Final location of the folder.
-        body: Tree of the robot.
-        q: Standing posture, (n,).
-        gains: Gains of the drives.
-        found: Supports of the robot; empty for a fixed base.
-        height: Height of the base [m].
-        amplitude: Swing amplitude of each joint of a fixed-base robot [rad or m], (n,).
-    """
-    above = next(p for p in out.resolve().parents if p.is_dir())
-    place = Path(tempfile.mkdtemp(dir=above, prefix=f".{out.name}."))
-    os.chmod(place, 0o755)
-    try:
-        folder = Folder(draft, out, place, body, q, gains, found, height, amplitude)
-        yield folder
-    finally:
-        shutil.rmtree(place, ignore_errors=True)

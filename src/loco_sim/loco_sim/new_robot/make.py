@@ -23,7 +23,7 @@ from ..robot.urdf_check import mass_of, problems
 from . import gains as gain
 from . import legs, limits, trial
 from .body import Body
-from .files import Draft, written
+from .files import Draft, Folder
 from .posture import LEVEL, Posture, Search
 from .supports import Probe, Support, probe, stands_at, supports
 
@@ -222,7 +222,7 @@ def _try(
     draft.legs = legs.section(body, found, posture)
     for stiffer, preset in _attempts(draft):
         gains = gain.choose(body, posture.q, posture.feet, bodies, wheels, False, stiffer, preset)
-        with written(draft, out, body, posture.q, gains, found, posture.height) as folder:
+        with Folder(draft, out, body, posture.q, gains, found, posture.height) as folder:
             outcome = trial.stand(folder.robot(), size)
             if not outcome.fault:
                 folder.keep()
@@ -260,7 +260,7 @@ def _bolted(draft: Draft, out: Path, rng: np.random.Generator) -> Result:
     missed: list[tuple[str, ...]] = []
     for stiffer, preset in _attempts(draft):
         gains = gain.choose(body, q, limits.NO_FEET, [], [], True, stiffer, preset)
-        with written(draft, out, body, q, gains, [], height, amplitude) as folder:
+        with Folder(draft, out, body, q, gains, [], height, amplitude) as folder:
             robot = folder.robot()
             order = [body.joints.index(joint) for joint in robot.joints]
             outcome = trial.swing(robot, amplitude[order])

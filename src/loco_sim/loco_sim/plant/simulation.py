@@ -202,7 +202,7 @@ class Simulation:
         """
         if rebuild and not self._world.forget():
             self._rebuild()
-        self._world.put(q, dq, *(base or ()))
+        self._world.put(q, dq, base)
         return self._begin(np.array(q, dtype=float), np.array(dq, dtype=float), tick)
 
     # ---- one control period ------------------------------------------------------

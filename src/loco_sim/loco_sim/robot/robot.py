@@ -315,12 +315,8 @@ def _fit(
         description.set_lower_limit(joint, stop)
     sensors = from_dict(SensorParams, values["sensors"], "sensors")
     share = description.mass() / max(1, len(feet))
-    height, rate = values.get("height"), values.get("control_rate", 250.0)
-    if not _is_number(rate) or not 0.0 < rate <= 1e5:
-        raise ParameterError(f"control_rate must be in (0, 100000] Hz, got {rate!r}")
+    height, rate = _height_and_rate(values)
     drives = equipment.drives(values["drives"], 1.0 / rate)
-    if height is not None and not _is_number(height):
-        raise ParameterError(f"height must be a number [m], got {height!r}")
     bolted = bool(values.get("fixed_base", False))
     if height is None and bolted and not feet:
         height = base_height(description, folder)
@@ -345,6 +341,16 @@ def _fit(
         "mass": description.mass(),
         "contact": {link: contact.softness(share) for link, contact in contacts.items()},
     }
+
+
+def _height_and_rate(values: dict[str, Any]) -> tuple[float | None, float]:
+    """Height of the base [m], None if not given, and control rate [Hz]."""
+    height, rate = values.get("height"), values.get("control_rate", 250.0)
+    if not _is_number(rate) or not 0.0 < rate <= 1e5:
+        raise ParameterError(f"control_rate must be in (0, 100000] Hz, got {rate!r}")
+    if height is not None and not _is_number(height):
+        raise ParameterError(f"height must be a number [m], got {height!r}")
+    return height, rate
 
 
 def _with_legs(

@@ -226,16 +226,9 @@ class World(world.World):
         self._client.resetBasePositionAndOrientation(self._body, com, [float(v) for v in turn])
         self._place(q)
 
-    def put(
-        self,
-        q: Sequence[float],
-        dq: Sequence[float],
-        position: Triple | None = None,
-        orientation: Sequence[float] = (0.0, 0.0, 0.0, 1.0),
-        velocity: Triple = (0.0, 0.0, 0.0),
-        spin: Triple = (0.0, 0.0, 0.0),
-    ) -> None:
-        if position is not None:
+    def put(self, q: Sequence[float], dq: Sequence[float], base: Base | None = None) -> None:
+        if base:
+            position, orientation, velocity, spin = base
             self.pose(position, orientation, q)
             (ax, ay, az), (wx, wy, wz) = rotate(rotation_matrix(orientation), self._com), spin
             vx, vy, vz = velocity

@@ -171,20 +171,13 @@ class World(world.World):
         self._data.qvel[self._dq_at] = 0.0
         self._fresh = False
 
-    def put(
-        self,
-        q: Sequence[float],
-        dq: Sequence[float],
-        position: Triple | None = None,
-        orientation: Sequence[float] = (0.0, 0.0, 0.0, 1.0),
-        velocity: Triple = (0.0, 0.0, 0.0),
-        spin: Triple = (0.0, 0.0, 0.0),
-    ) -> None:
-        if position is not None:
-            self.pose(position, orientation, q)
+    def put(self, q: Sequence[float], dq: Sequence[float], base: Base | None = None) -> None:
+        if base:
+            self.pose(base.position, base.orientation, q)
             if not self.robot.fixed_base:
-                self._data.qvel[:3] = velocity
-                self._data.qvel[3:6] = rotate_back(rotation_matrix(orientation), spin)
+                turn = rotation_matrix(base.orientation)
+                self._data.qvel[:3] = base.velocity
+                self._data.qvel[3:6] = rotate_back(turn, base.angular_velocity)
         self._data.qpos[self._q_at] = q
         self._data.qvel[self._dq_at] = dq
         self._fresh = False

@@ -6,6 +6,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from io import BytesIO
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from PIL import Image, ImageDraw, ImageFont
@@ -32,8 +33,7 @@ def render_gif(
     q: np.ndarray,
     fps: float = 25.0,
     size: tuple[int, int] = (480, 320),
-    robot: str | robots.Robot = "hyq",
-    speed: float = 1.0,
+    **options: Any,
 ) -> bytes:
     """Write an animated GIF of a run.
 
@@ -45,8 +45,7 @@ def render_gif(
         q: Joint positions [rad], (T, n).
         fps: Frames per second; GIF supports 100, 50, 33.3, 25, 20 …
         size: Width and height [pixel].
-        robot: Name, path or `Robot`.
-        speed: Playback speed; 1 is real time, 0.5 half as fast.
+        options: Further arguments of `frames`.
 
     Returns:
         The GIF's bytes.
@@ -54,7 +53,7 @@ def render_gif(
     Raises:
         ParameterError: The arrays are empty or do not fit together.
     """
-    pictures = list(frames(t, position, orientation, q, fps, size, robot, speed))
+    pictures = list(frames(t, position, orientation, q, fps, size, **options))
     # One palette for all frames; otherwise colours flicker and the file size doubles.
     sheet = Image.new("RGB", (size[0], 3 * size[1]))
     for i, k in enumerate((0, len(pictures) // 2, len(pictures) - 1)):
@@ -87,7 +86,21 @@ def frames(
     robot: str | robots.Robot = "hyq",
     speed: float = 1.0,
 ) -> Iterator[Image.Image]:
-    """Pictures of a run in sequence; arguments as in `render_gif`."""
+    """Pictures of a run in sequence.
+
+    Args:
+        t: Time of each sample [s], (T,), increasing.
+        position: Base origin in the world [m], (T, 3).
+        orientation: Base to world, x y z w, (T, 4).
+        q: Joint positions [rad], (T, n).
+        fps: Frames per second.
+        size: Width and height [pixel].
+        robot: Name, path or `Robot`.
+        speed: Playback speed; 1 is real time, 0.5 half as fast.
+
+    Raises:
+        ParameterError: The arrays are empty or do not fit together.
+    """
     t, position, orientation, q = (np.asarray(x, float) for x in (t, position, orientation, q))
     robot = robot if isinstance(robot, robots.Robot) else robots.load(robot)
     _check(t, position, orientation, q, len(robot.joints))

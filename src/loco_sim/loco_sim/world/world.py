@@ -48,9 +48,9 @@ class Base(NamedTuple):
     """State of the root link's frame, in the world."""
 
     position: Triple  # origin of the frame [m]
-    orientation: tuple[float, float, float, float]  # x y z w
-    velocity: Triple  # velocity of the origin [m/s]
-    angular_velocity: Triple  # [rad/s]
+    orientation: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 1.0)  # x y z w
+    velocity: Triple = (0.0, 0.0, 0.0)  # velocity of the origin [m/s]
+    angular_velocity: Triple = (0.0, 0.0, 0.0)  # [rad/s]
 
 
 class Handles(NamedTuple):
@@ -256,24 +256,13 @@ class World(Setting, ABC):
     # ---- implemented by engines--------------------------------------------------
 
     @abstractmethod
-    def put(
-        self,
-        q: Sequence[float],
-        dq: Sequence[float],
-        position: Triple | None = None,
-        orientation: Sequence[float] = (0.0, 0.0, 0.0, 1.0),
-        velocity: Triple = (0.0, 0.0, 0.0),
-        spin: Triple = (0.0, 0.0, 0.0),
-    ) -> None:
+    def put(self, q: Sequence[float], dq: Sequence[float], base: Base | None = None) -> None:
         """Set the state of the robot.
 
         Args:
             q: Joint positions [rad], (n,).
             dq: Joint velocities [rad/s], (n,).
-            position: Position of the base frame [m]; None to leave the base unchanged.
-            orientation: Orientation of the base, x y z w.
-            velocity: Velocity of the base frame's origin, world frame [m/s].
-            spin: Angular velocity of the base, world frame [rad/s].
+            base: State of the base; None to leave it unchanged.
         """
 
     @abstractmethod

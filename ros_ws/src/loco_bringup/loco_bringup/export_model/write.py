@@ -75,26 +75,13 @@ def export_model(
     Raises:
         LocoError: There is no such model, target or gear, or a recording is invalid.
     """
-    if to not in TARGETS:
-        raise NameUnknownError("target of an export", to, TARGETS)
-    if replay and to != MJCF:
-        raise ParameterError(f"recordings are replayed in MuJoCo: take --to {MJCF}, not {to}")
-    if gear is not None and gear not in GEARS:
-        raise NameUnknownError("gear of an export", gear, GEARS)
-    if gear is not None and to != MJCF:
-        raise ParameterError(f"{to} has rigid gears: take --to {MJCF}, or leave --gear out")
-    gear = (gear or ELASTIC) if to == MJCF else RIGID
+    gear = _gear(to, gear, replay)
     path = Path(model)
     results = path if (path / gap.RESULT).is_file() else path.parent
     source = models.load_any(path / gap.MODEL if results == path else path)
     result = results / gap.RESULT if path.name == gap.MODEL or results == path else None
-    present = result is not None and result.is_file()
-    terms = gap.read_json(result, gap.ResultFile)["terms"] if present else []
-    exported, present = portable(source, gear), {effect["name"] for effect in source.effects}
-    identified, unused = ranges.of(exported, [term for term in terms if term["effect"] in present])
-    unused += [
-        f"{t['effect']}: the model has not got it" for t in terms if t["effect"] not in present
-    ]
+    exported = portable(source, gear)
+    identified, unused = _ranges(exported, source, result)
     documents = WRITERS[to](exported, identified)
     folder = Path(out or f"results/export_{exported.robot.name}_{to}")
     _claim(folder)
@@ -109,14 +96,42 @@ def export_model(
         for old in folder.glob("replay_*"):
             old.unlink()
         shutil.copyfile(SCRIPT, folder / "replay.py")
-        arrays = None if replay or result is None else result.with_name(gap.ARRAYS)
-        curves = load_curves(arrays).records if arrays and arrays.is_file() else ()
-        starts = {r.name: r.start for r in curves}  # corrections of initial states by a search
+        starts = {} if replay else _starts(result)
         compared, replay_notes = compare(source, records, folder, gear, starts)
         notes += replay_notes
     lost = dict.fromkeys(text for _, missing in documents.values() for text in missing)
     files = tuple(sorted(str(p.relative_to(folder)) for p in folder.rglob("*") if p.is_file()))
     return Exported(folder, files, (*lost, *unused), tuple(compared), tuple(notes))
+
+
+def _gear(to: str, gear: str | None, replay: Sequence[Any]) -> str:
+    """Gear of an export; raises an error for options that do not belong to its target."""
+    if to not in TARGETS:
+        raise NameUnknownError("target of an export", to, TARGETS)
+    if replay and to != MJCF:
+        raise ParameterError(f"recordings are replayed in MuJoCo: take --to {MJCF}, not {to}")
+    if gear not in (None, *GEARS):
+        raise NameUnknownError("gear of an export", gear, GEARS)
+    if gear and to != MJCF:
+        raise ParameterError(f"{to} has rigid gears: take --to {MJCF}, or leave --gear out")
+    return gear or (ELASTIC if to == MJCF else RIGID)
+
+
+def _ranges(made: Portable, model: Model, result: Path | None) -> tuple[list[Range], list[str]]:
+    """Ranges of a model from the results of `loco gap`, and sentences on what has none."""
+    present = result is not None and result.is_file()
+    terms = gap.read_json(result, gap.ResultFile)["terms"] if present else []
+    names = {effect["name"] for effect in model.effects}
+    known, unused = ranges.of(made, [term for term in terms if term["effect"] in names])
+    absent = [term["effect"] for term in terms if term["effect"] not in names]
+    return known, [*unused, *(f"{name}: the model has not got it" for name in absent)]
+
+
+def _starts(result: Path | None) -> dict[str, Any]:
+    """Corrections of initial states by a search, by record."""
+    arrays = result and result.with_name(gap.ARRAYS)
+    curves = load_curves(arrays).records if arrays and arrays.is_file() else ()
+    return {record.name: record.start for record in curves}
 
 
 def _to_mjcf(made: Portable, known: Sequence[Range]) -> Texts:
@@ -125,14 +140,13 @@ def _to_mjcf(made: Portable, known: Sequence[Range]) -> Texts:
     return output | ({"randomize.py": ranges.playground(made, known, dofs(text))} if known else {})
 
 
-def _to_isaac(made: Portable, known: Sequence[Range]) -> Texts:
-    return {"isaac_lab.py": isaac.isaac(made, known), "robot.urdf": (urdf(made)[0], [])}
-
-
 WRITERS: dict[str, Callable[[Portable, Sequence[Range]], Texts]] = {
     MJCF: _to_mjcf,
     URDF: lambda made, known: {"robot.urdf": urdf(made)},
-    ISAAC: _to_isaac,
+    ISAAC: lambda made, known: {
+        "isaac_lab.py": isaac.isaac(made, known),
+        "robot.urdf": (urdf(made)[0], []),
+    },
     PACE: lambda made, known: {"pace.py": isaac.pace(made, known)},
     CONTROL: lambda made, known: ros2_control(made),
 }
