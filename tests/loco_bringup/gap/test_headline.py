@@ -104,7 +104,10 @@ def test_refitted_values_and_starts_are_in_the_curves():
 def test_one_record_is_judged_by_its_last_third_and_nothing_else():
     fit, _ = records([DRAGS])
     found, drawn = search(SLIDE, fit[:1], [], QUICK.replace(effects=("viscous_friction",)))
-    assert np.flatnonzero(drawn.records[0].judged)[0] == 2 * len(drawn.records[0].t) // 3
+    first = 2 * len(drawn.records[0].t) // 3
+    assert np.flatnonzero(drawn.records[0].judged)[0] == first
+    start = drawn.records[0].t[first]
+    assert f"(held-out from {start:.3g} s)" in pages.page(found, drawn)
     check(found, drawn)
 
 

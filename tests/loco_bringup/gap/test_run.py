@@ -367,7 +367,7 @@ def test_results_of_another_kind_are_refused(tmp_path):
 
 def test_a_rank_that_is_not_proposed_is_refused(tmp_path):
     runner.write_json(tmp_path / "gap.json", result(next=[]))
-    with pytest.raises(LocoError, match="proposes 0 experiments.*nothing is left"):
+    with pytest.raises(LocoError, match="proposes no experiment: nothing is left"):
         following.write_next(tmp_path)
 
 

@@ -239,7 +239,7 @@ def step_height(log: Log) -> float:
     return float(np.mean(np.ptp(quantities.feet(log)[..., 2], axis=0)))
 
 
-@metric("Hz", "ours", "command", min_change=0.02)
+@metric("Hz", "ours", "command", applies=quantities.has_feet, min_change=0.02)
 def stride_frequency(log: Log) -> float:
     """Largest spectral peak of the normal forces, or of the commands from oscillators."""
     return signals.stride_frequency(

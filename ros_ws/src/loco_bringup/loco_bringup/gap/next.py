@@ -44,8 +44,9 @@ def write_next(
     rows = runner.read_json(folder / runner.RESULT, runner.ResultFile)["next"] or []
     if not 1 <= rank <= len(rows):
         raise ParameterError(
-            f"{folder} proposes {len(rows)} experiments, rank {rank} is none of them"
-            + ("" if rows else ": nothing is left to tell apart")
+            f"{folder} proposes ranks 1 to {len(rows)}, not {rank}"
+            if rows
+            else f"{folder} proposes no experiment: nothing is left to tell apart"
         )
     row = rows[rank - 1]
     model = models.load_any(runner.load_job(folder).robot)

@@ -15,7 +15,7 @@ import numpy as np
 from loco_learning.drawing import png
 from loco_learning.drawing.chart import DASHED, GREY, PALETTE, Axis, Chart, Frame, dots, line
 from loco_learning.gap.localisation import figures
-from loco_learning.gap.localisation.curves import Curve, Curves, load
+from loco_learning.gap.localisation.curves import FIT, Curve, Curves, load
 from loco_learning.gap.preview.visible import LARGE, NO, YES
 
 from ..page.plot import BUDGET, Line, Panel, Plot
@@ -168,7 +168,9 @@ def _counts(records: Sequence[Curve]) -> list[int]:
 
 
 def _axis(curve: Curve) -> str:
-    return f"time [s] in {curve.name} ({curve.role})"
+    held = curve.t[curve.judged]
+    role = f"held-out from {held[0]:.3g} s" if curve.role == FIT and held.size else curve.role
+    return f"time [s] in {curve.name} ({role})"
 
 
 def _limits(*lines: np.ndarray) -> tuple[float, float] | None:

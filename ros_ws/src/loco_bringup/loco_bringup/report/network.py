@@ -125,29 +125,24 @@ def page(bag: Bag, log: MsdLog, gif: Path | None) -> str:
         ("Links", "Driven lengths of three links at the end of the run.", links_figure),
         ("Limit cycle", "Accelerations of the test in two principal components.", cycle_figure),
     )
+    moving = part("Animation", lambda: animation(log, gif)).content
     return document(
         log.experiment.name,
-        header(bag, log),
+        html.paragraph(log.experiment.description, soft=True)
+        + html.beside(html.paragraph(sentence(log)), moving),
         [
-            part("Animation", lambda: animation(log, gif)),
             *parts.drawn([Chapter(*figure) for figure in figures], log),
+            part("Facts", lambda: facts(bag, log)),
             part("Configuration", lambda: parts.configuration(log.experiment), long=True),
             part("Messages", lambda: parts.message_table(bag)),
         ],
     )
 
 
-def header(bag: Bag, log: MsdLog) -> Markup:
-    """Header of the page: settings, and distance of the network when driven by its readout."""
+def facts(bag: Bag, log: MsdLog) -> Markup:
+    """Table of phases, seed, clock, versions and drops."""
     names = " · ".join(f"{name} {a:g}–{b:.4g} s" for name, a, b in log.spans())
-    facts = {"Phases": names, **parts.run_facts(bag, log.experiment.seed, "msd")}
-    return html.join(
-        [
-            html.paragraph(log.experiment.description, soft=True),
-            html.paragraph(sentence(log)),
-            html.facts(facts),
-        ]
-    )
+    return html.facts({"Phases": names, **parts.run_facts(bag, log.experiment.seed, "msd")})
 
 
 def sentence(log: MsdLog) -> str:

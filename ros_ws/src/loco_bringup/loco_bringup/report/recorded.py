@@ -47,7 +47,7 @@ def page(path: Path, mapping: Path | None = None) -> str:
         sections.append(html.part("Messages", lambda: parts.message_table(bag)))
     ends = [track.t[-1] for track in recording.tracks.values()]
     header = [
-        html.paragraph(f"{len(recording.joints)} joints, {max(ends) - recording.start:.2f} s"),
+        html.paragraph(f"{max(ends) - recording.start:.2f} s, joints: {len(recording.joints)}"),
         html.bullets(recording.notes),
     ]
     return html.document(recording.name, html.join(header), sections)

@@ -145,15 +145,10 @@ def facts(bag: Bag, log: Log, check: ReadoutCheck | LocoError) -> Markup:
     phases = (f"{name} {a:g}–{round(b, 3):g} s" for _, name, a, b in spans(log))
     about = parts.run_facts(bag, log.seed, log.experiment.robot)
     versions = about.pop("Versions")
-    return html.facts(
-        {
-            "Phases": " · ".join(phases),
-            **about,
-            "Failure criterion": parts.verdict_text(judge(log), log.experiment.criterion),
-            "Readout check": str(check) if isinstance(check, LocoError) else check.summary(),
-            "Versions": versions,
-        }
-    )
+    if log.experiment.learner.enabled:
+        about["Failure criterion"] = parts.verdict_text(judge(log), log.experiment.criterion)
+        about["Readout check"] = str(check) if isinstance(check, LocoError) else check.summary()
+    return html.facts({"Phases": " · ".join(phases), **about, "Versions": versions})
 
 
 def animation(log: Log, path: Path | None) -> Markup:
