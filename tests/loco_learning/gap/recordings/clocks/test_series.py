@@ -22,6 +22,19 @@ def mixed(other, each):
     return np.where(rows, other, motion()), rows
 
 
+# Steps of a leg, by an encoder of 5 mrad: five readings of one value are passed through.
+STEPS = 0.00506 * np.cumsum([
+    57, 0, 1, 0, -1, 1, 0, -1, 1, 0, -1, 1, 0, -1, 1, 0, -1, 1, -2, -32, -36, -22, 16, 11, 3, -5,
+    -5, 2, 1, 1, 0, -1, 0, 0, 1, -1, 0, 1, 0, -1, 0, 1, -1, 0, 0, 1, -1, 0, 1, -1, 0, 11, 38, 19,
+    -4, -8, -4, -5, 7, 1, 0, -2, 0, 1, 0, 0, -1, 1, 0, 0, -1, 1, 0, 0, -16, -38, -34, -17, 20, 9,
+    1, -6, -4, 3, 1, 1, -1, -1, 1, 0, -1, 1, 0, -1, 1, 0, -1, 1, 0, -1, 1, 0, -1, 1, 0, -1, 1, 0,
+    -1, 0, 1, 1, 27, 41, 31, -2, -11, -4, -7, 7, 2, 0, -1, -1, 1, 0, 0, -1, 1, 0, 0, -3, -31,
+    -28, -14, 18, 7, 1, -7, -1, 1, 2, 0, -1, 0, 0, 1, -1, 0, 0, 1, -1, 0, 1, 0, -1, 0, 1, -1, 0,
+    0, 1, 0, 27, 41, 42, 9, -10, -8, -3, -2, 6, 0, 1, -2, 0, 0, 1, 0, -1, 0, 0, 1, -1, -15, -39,
+    -43, -36, 12, 17, 5, -4, -6, 0, 2, 1, 0, -1, 0, 0,
+])  # fmt: skip
+
+
 @pytest.mark.parametrize("value", [0.0, 0.4, -1.5707])
 @pytest.mark.parametrize("each", [2, 10, 60])
 def test_a_value_between_readings_is_found_to_the_row(value, each):
@@ -61,6 +74,7 @@ def test_a_publisher_that_loses_a_third_of_its_messages_is_found():
         np.where(T < 8.0, motion(), 0.0),
         np.where(np.abs(NOISE) > 2.6, 0.5 * NOISE[::-1], motion()),  # single faults, each another value
         0.001 * NOISE + np.where(np.abs(NOISE[::-1]) > 1.9, 0.03, 0.0),  # a spring that flicks
+        STEPS,
         np.zeros(0),
         np.zeros(5),
     ],

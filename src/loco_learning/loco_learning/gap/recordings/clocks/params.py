@@ -83,6 +83,9 @@ class SeriesParams:
         own: Ratio of the measured velocity to that of the changes, above which the joint itself
             moves. Theory: a sine of half the sampling rate has pi/2 at its mean position, 0 at its
             reversals; two publishers each move far slower than the changes between them.
+        spikes: Share of the readings of one value from which the motion before and after must jump
+            back. Theory: all of a second publisher's, but those at which the motion crosses the
+            value; of a motion through the value, none.
         rough: Change of the second motion from one of its steps to the next, over its steps.
             Theory: 1.4 for a sine of four readings a period, 1.7 for values that have no order.
     """
@@ -92,6 +95,7 @@ class SeriesParams:
     shorter: float = 6.0
     changes: int = 10
     own: float = 0.5
+    spikes: float = 0.5
     rough: float = 1.4
 
 

@@ -94,6 +94,9 @@ def _standing(x: np.ndarray, back: np.ndarray, least: float) -> np.ndarray | Non
     remaining = np.flatnonzero(~flags)
     if not _mixed(flags) or len(remaining) < SERIES.changes:
         return None
+    fewer = flags if 2 * flags.sum() < len(x) else ~flags
+    if np.mean(np.isin(np.flatnonzero(fewer[1:-1]), back)) < SERIES.spikes:
+        return None  # values that the motion passes through
     line = np.interp(np.flatnonzero(flags), remaining, x[remaining])
     distance = float(np.median(np.abs(x[flags] - line)))
     rest = x[remaining]
