@@ -135,7 +135,7 @@ def test_a_strength_must_be_known_and_a_shape_or_a_second_one_need_not():
 @pytest.mark.parametrize(
     ("low", "high", "known"),
     [(2.0, math.inf, True), (0.0, math.inf, False), (-math.inf, math.inf, False),
-     (-math.inf, -1.0, True)],
+     (-math.inf, -1.0, True), (-math.inf, 0.0, False)],
 )  # fmt: skip
 def test_a_strength_without_one_end_has_a_size_where_absence_is_outside(low, high, known):
     """A stop that is harder than can be seen was unknown at 94 % closed."""

@@ -9,8 +9,9 @@ import pytest
 from loco_learning.gap.fitting.screen import Screened
 from loco_learning.gap.hypotheses.families import families
 from loco_learning.gap.hypotheses.hypotheses import Hypothesis
+from loco_learning.gap.probability.weights import weigh
 from loco_learning.gap.verdict import judge
-from loco_learning.gap.verdict.decide import AMBIGUOUS, NAMED, UNKNOWN
+from loco_learning.gap.verdict.decide import AMBIGUOUS, MORE, NAMED, NO_GAP, UNKNOWN, decide
 from loco_learning.gap.verdict.estimates import Estimate
 from loco_sim.effects.coordinates import Coordinate
 
@@ -202,7 +203,7 @@ def judged(monkeypatch):
         case = Some(forward=forward, floor=np.ones(1), bends=False,
                     corrected=lambda specs, overrides: None)  # fmt: skip
         search = Some(
-            params=Some(seed=0, accuracy=0.0, free_spread=0.3), nominal={}, setting=None,
+            params=Some(seed=0, accuracy=0.0, free_spread=0.3), nominal={}, setting=None, asked=False,
             energy=lambda m: np.log(m.fit_rms * m.held.rms), in_reach=lambda model, among: True,
             each=lambda function, tasks: [task[0] for task in tasks],
         )  # fmt: skip
@@ -247,6 +248,73 @@ def test_an_effect_whose_size_may_be_zero_goes_if_the_rest_stands(judged):
     assert found.decision.names == (DRY,) and not found.decision.adequate
     alone, _ = judged([fitted(WET)], sizes=[(WET, nothing)])
     assert alone.decision.verdict == UNKNOWN
+
+
+@pytest.mark.parametrize(
+    ("verdict", "asked", "gap", "after"),
+    [
+        (UNKNOWN, False, 9.0, "given"),
+        (UNKNOWN, True, 9.0, "base"),
+        (NO_GAP, False, 9.0, "base"),
+        (NO_GAP, False, 0.0, "given"),
+        (NO_GAP, True, 0.0, "base"),
+        (NAMED, False, 9.0, "best"),
+        (MORE, True, 9.0, "best"),
+        (AMBIGUOUS, False, 9.0, "best"),
+    ],
+)
+def test_the_model_after_the_search_has_what_the_verdict_says(verdict, asked, gap, after):
+    given, base, best = fitted(rms=gap), fitted(rms=gap), fitted(DRY)
+    weights = weigh([base, best, fitted(WET, rms=1.0)], 0)
+    result = judge.Judged(
+        Some(verdict=verdict), given, base, best, weights, {}, (), None, asked=asked
+    )  # fmt: skip
+    assert result.after is {"given": given, "base": base, "best": best}[after]
+    assert [m.names for m, _ in result.rivals] == [(WET,)]
+    told = result.probability + sum(p for _, p in result.rivals)
+    nothing = dict(zip((m.key for m in weights.models), weights.values, strict=True))[""]
+    assert told + nothing == pytest.approx(1.0) and result.probability > 0.0
+
+
+def test_a_model_is_fitted_to_convergence_once_and_again_if_a_better_start_is_found():
+    tried = []
+
+    def each(function, tasks):
+        tried.extend(model.key for model, _, near in tasks)
+        return [model for model, *_ in tasks]
+
+    search = Some(each=each, setting=None, in_reach=lambda model, among: True,
+                  energy=lambda m: m.fit_rms)  # fmt: skip
+    first, better = fitted(DRY, rms=2.0), fitted(DRY, rms=1.0)
+    judging = judgement(search=search, fits={first.key: first}, converged={""})
+    assert judging._finish([first, first, fitted()]) and tried == [first.key]
+    assert not judging._finish([first])
+    assert judging._put([fitted(DRY, rms=3.0)]) == [first] and not judging._finish([first])
+    assert judging._put([better]) == [better] and judging._finish([better])
+    assert tried == [first.key] * 2
+
+
+@pytest.mark.parametrize(
+    ("explains", "crowd", "verdict"),
+    [(True, "", NAMED), (True, "3 of 4", MORE), (False, "", MORE), (False, "3 of 4", MORE)],
+)
+def test_values_on_their_bounds_count_against_a_name_that_stands_alone(
+    monkeypatch, explains, crowd, verdict
+):
+    base, best = fitted(rms=9.0), fitted(DRY, rms=0.0 if explains else 2.5)
+    decision = decide(weigh([base, best], 0), best, base, base)
+    surely = {best.parts[0][0].key: (Estimate("torque", 1.0, 0.9, 1.1, most=1.0),)}
+    result = judge.Judged(decision, base, base, best, weigh([base, best], 0), surely, (), None)
+    monkeypatch.setattr(judge.Judgement, "result", lambda self: result)
+    monkeypatch.setattr(judge.traded, "crowded", lambda case, model: crowd)
+    monkeypatch.setattr(judge.stable, "rows", lambda *args: ["row"])
+    monkeypatch.setattr(judge.stable, "alarms", lambda table: (f"of {len(table)}",))
+    search = Some(params=Some(seed=0, free_spread=0.3), nominal={}, adequate=lambda m: False)
+    found = judge.judge(Some(loose=None), search, Some(base=base, given=base, models=[best]))
+    assert found.decision.verdict == verdict
+    assert ("More is missing: 3 of 4" in found.decision.evidence) is (explains and bool(crowd))
+    on_bound, settings = found.alarms
+    assert "on the bound" in on_bound and settings == "of 1"
 
 
 def test_a_judgement_ends_after_some_rounds(judged, monkeypatch):

@@ -133,7 +133,7 @@ def judge(case: Case, search: Search, found: Found, criterion: Criterion = CRITE
         *traded.strayed(case, after),
         *stable.alarms(result.over_settings),
     )
-    return replace(result, decision=decision, alarms=warnings, asked=search.asked)
+    return replace(result, decision=decision, alarms=warnings)
 
 
 class Judgement:
@@ -160,11 +160,11 @@ class Judgement:
         base, given = self.found.base, self.found.given
         size = np.nanstd(np.concatenate(self.case.forward.measured), axis=0) / self.case.floor
         sliding, enough = slides(self.case.forward.channels), self.search.params.accuracy * size
-        decision = decide(
-            weights, model, given, base, unsure, sliding, enough, self.criterion
-        )  # fmt: skip
+        about = unsure, sliding, enough, self.criterion
+        decision = decide(weights, model, given, base, *about)
         without = tuple(self.fits[m.key] for m in self.lost.get(model.key, ()))
-        return Judged(decision, given, base, model, weights, estimates, without, analysis)
+        evidence = weights, estimates, without, analysis
+        return Judged(decision, given, base, model, *evidence, asked=self.search.asked)
 
     def weights(self) -> Weights:
         """Probabilities of all models, once the most probable ones have been challenged."""
