@@ -214,6 +214,42 @@ def ring(*columns):
     return change
 
 
+def exchange_names(a, b):
+    """All columns of a joint given to another and the reverse."""
+
+    def change(rows):
+        for kind in ALL:
+            ring(f"{kind}_{a}", f"{kind}_{b}")(rows)
+
+    return change
+
+
+@pytest.mark.parametrize(
+    ("name", "pair", "kinds"),
+    [
+        ("arm", ("turn", "lift"), ALL), ("arm", ("lift", "bend"), ALL),
+        ("arm", ("bend", "nod"), ALL), ("arm", ("lift", "roll"), PASSED),
+        ("leg", ("lf_haa_joint", "lf_hfe_joint"), ALL),
+        ("leg", ("lf_haa_joint", "lf_kfe_joint"), ALL),
+        ("leg", ("lf_hfe_joint", "lf_kfe_joint"), PASSED),
+    ],
+)  # fmt: skip
+def test_names_exchanged_in_all_columns_are_told_by_the_bodies(judged, mended, name, pair, kinds):
+    found = judged(name, change=exchange_names(*pair), kinds=kinds)
+    assert [(f.fault, set(f.joints)) for f in found] == [("exchanged", set(pair))], [
+        *map(str, found)
+    ]
+    assert {(c.joint, c.value) for c in found[0].mends} == {pair, pair[::-1]}
+    assert len({c.role for c in found[0].mends}) >= 2 and not found[0].others
+    assert family.look(*mended(found)) == []
+
+
+def test_exchanged_names_without_torques_or_of_alike_bodies_are_not_told(judged):
+    """Two joints that follow their own commands: nothing in such a recording tells them apart."""
+    change = exchange_names("lift", "bend")
+    assert "exchanged" not in {f.fault for f in judged("arm", change=change, kinds=UNMEASURED)}
+
+
 HIPS = "tau_lf_haa_joint", "tau_lf_hfe_joint", "tau_lf_kfe_joint"
 PLANTED = [
     ("arm", ring("tau_lift", "tau_bend"), {"exchanged"}, {"lift", "bend"}),

@@ -22,8 +22,8 @@ from .finding import Change, Finding
 from .limits import LIMITS
 
 TESTS = (
-    bodies.drafted, signals.turns, commands.exchanged, commands.sign, commands.scale,
-    bodies.drafted, signals.ahead, torques.inclined, torques.commanded,
+    torques.renamed, bodies.drafted, signals.turns, commands.exchanged, commands.sign,
+    commands.scale, bodies.drafted, signals.ahead, torques.inclined, torques.commanded,
 )  # fmt: skip
 OF_TORQUES = (
     torques.exchanged, torques.reversed_torques, torques.effort, torques.inclined,

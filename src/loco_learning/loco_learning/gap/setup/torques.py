@@ -7,6 +7,7 @@ friction in each joint, and on the commands of each drive.
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from weakref import WeakKeyDictionary
@@ -27,6 +28,7 @@ from ..prediction.led import EDGE, SMOOTH
 from ..recordings import suspect
 from ..recordings.record import Record, bridged, spacing
 from .bench import Bench, robot_of
+from .commands import swapped
 from .finding import EFFECTS as ADDED
 from .finding import JOINT, MAPPING, MODEL, SCALE, SIGN, UNIT, Change, Finding
 from .limits import LIMITS
@@ -34,7 +36,7 @@ from .signals import BLOCKS, regressed
 
 ROWS = 400  # rows of all recordings together at which dynamics are computed (taste: 0.1 s)
 SLOW = 0.05  # speed below which dry friction has no sign, over the rms of a joint (taste)
-STOP = 0.02  # distance from a joint stop over the range, within which it may hold (taste)
+STOP = 0.02  # distance from a joint stop over the range, up to which it may hold (taste)
 STEP = 1e-3  # change of a position for a derivative [rad or m]
 ROUNDS = 4  # fits, each weighted by the errors of the one before (taste)
 FINEST = 0.01  # least error of a torque over its rms: what a model misses at best (taste)
@@ -117,6 +119,21 @@ class Torques:
                 out[i, j] = min(explained(cause, torque)[1] for cause in causes)
         return out
 
+    def own_errors(self, role: str) -> np.ndarray:
+        """Share of each torque that the motion of its own joint does not explain, (n,)."""
+        columns = enumerate(self.columns[role].T)
+        return np.array([explained(self.motion(i), torque)[1] for i, torque in columns])
+
+    def exchanged(self, i: int, j: int) -> Torques:
+        """The same with the names of two joints exchanged in all columns."""
+        order = np.arange(len(self.robot.joints))
+        order[[i, j]] = j, i
+        q, speed, rate = (values[:, order] for values in (self.q, self.speed, self.rate))
+        free, weight = self.plant().needed(q, speed, rate)
+        tau, commands = self.tau[:, order], self.commands[:, order]
+        return replace(self, tau=tau, commands=commands, q=q, speed=speed, rate=rate, free=free,
+                       weight=weight)  # fmt: skip
+
     def plant(self, *effects: dict) -> Bolted:
         """Dynamics with further effects."""
         made = from_list([*self.model.effects, *effects])
@@ -160,7 +177,8 @@ def _table(record: Record, robot: Robot, count: int) -> dict[str, np.ndarray]:
     width = max(SMOOTH / record.dt, 2.0 * spacing(measured))
     low, high = np.transpose([Description(robot.urdf).limits(joint) for joint in robot.joints])
     margin = STOP * np.where(np.isfinite(high - low), high - low, 0.0)
-    free = ~np.any((q[measured] < low + margin) | (q[measured] > high - margin), axis=1)
+    at = q[measured]  # far beyond a stop it is none: the limit, or the name of the joint, is wrong
+    free = ~np.any((abs(at - low) < margin) | (abs(at - high) < margin), axis=1)
     inner = measured[(measured >= EDGE * width) & (measured < len(q) - EDGE * width) & free]
     rows = inner[np.linspace(0, len(inner) - 1, min(count, len(inner))).astype(int)]
 
@@ -205,6 +223,40 @@ def explained(
         return np.zeros(causes.shape[1]), 1.0
     by, error = nnls(causes, rest - rest.mean())
     return by, float(error) / size
+
+
+def renamed(bench: Bench) -> list[Finding]:
+    """Findings of pairs of joints that have each other's name in all columns.
+
+    Commands cannot tell it, as each joint follows its own; the weight and inertia of the bodies
+    can, where they explain the torques under the exchanged names alone.
+    """
+    torques = read(bench)
+    if torques is None or not np.isfinite(torques.free).all():
+        return []
+    ways = []
+    for role in torques.columns:
+        errors = np.maximum(torques.own_errors(role), FINEST)
+        for pair in itertools.combinations(np.flatnonzero(errors < 1.0).tolist(), 2):
+            before = errors.copy()  # of each torque, under the name that it gets
+            before[[*pair]] = errors[[*pair[::-1]]]
+            after = np.maximum(torques.exchanged(*pair).own_errors(role), FINEST)
+            gains, best = np.log(before / after), int(np.argmax(before / after))
+            if (
+                gains.sum() > 2.0 * np.log(LIMITS.better)
+                and gains.min() > -np.log(LIMITS.alike)
+                and after[best] <= LIMITS.left
+            ):
+                ways.append((float(gains.sum()), pair, best, before, after))
+    if not ways:
+        return []
+    _, pair, best, before, after = max(ways, key=lambda way: way[0])
+    a, b = (torques.robot.joints[i] for i in pair)
+    says = (f"{a} and {b} have each other's name in all columns: with the names exchanged, weight "
+            f"and inertia leave {after[best]:.0%} of the torque of {torques.robot.joints[best]} "
+            f"unexplained, {before[best]:.0%} as it is")  # fmt: skip
+    finding = Finding("exchanged", (a, b), says, swapped(bench, a, b, ""))
+    return [finding, *renamed(bench.mended(finding.mends))]
 
 
 def exchanged(bench: Bench) -> list[Finding]:
