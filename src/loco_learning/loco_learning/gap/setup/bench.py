@@ -165,7 +165,9 @@ class Bench:
 
         All of them if no torque was measured, or if it is not explained with any of them.
         """
-        runs = [None if self.free else self.mended(one).torques() for one in options]
+        if self.free or not all(record.has("tau") for record in self.records):
+            return list(options)
+        runs = [self.mended(one).torques() for one in options]
         errors = [run.miss() if run else np.inf for run in runs]
         smallest = min(errors, default=np.inf)
         limit = LIMITS.alike * smallest + 1e-3 if smallest < LIMITS.explained else np.inf
@@ -205,9 +207,9 @@ class Bench:
         if self.free:
             return commanded(records)
         model = model_with(self.model, changes)
-        forward = Forward(model, records, ForwardParams(signals=("q",)))
-        self.led = possible(forward) and not forward.robot().springs  # springs restore joints
-        if self.led:
+        forward = None if self.led else Forward(model, records, ForwardParams(signals=("q",)))
+        self.led |= forward is not None and possible(forward) and not forward.robot().springs
+        if self.led:  # springs restore joints
             forward = Led(model, records)
         names = tuple(channel.name for channel in forward.channels)
         moves = tuple(moving(record, names) for record in records)
