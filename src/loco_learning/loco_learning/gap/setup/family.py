@@ -22,7 +22,7 @@ from .finding import Change, Finding
 from .limits import LIMITS
 
 TESTS = (
-    torques.renamed, bodies.drafted, signals.turns, commands.exchanged, commands.sign,
+    bodies.drafted, signals.turns, commands.exchanged, torques.renamed, commands.sign,
     commands.scale, bodies.drafted, signals.ahead, torques.inclined, torques.commanded,
 )  # fmt: skip
 OF_TORQUES = (
