@@ -69,6 +69,38 @@ def gap_results(folder, channels, values):
     return folder
 
 
+def swing(folder):
+    """Table of a servo that follows its command late."""
+    t = np.arange(300) / 100.0
+    rows = np.stack([t, 0.8 * np.sin(6.0 * (t - 0.04)), 0.8 * np.sin(6.0 * t)], axis=1)
+    np.savetxt(folder / "swing.csv", rows, "%.6f", ",", header="t,q,cmd", comments="")
+    (folder / "mapping.yaml").write_text(
+        "time: {column: t}\ncolumns:\n  - {column: q, role: q, joint: pivot}\n"
+        "  - {column: cmd, role: command_position, joint: pivot}\n"
+    )
+    return folder / "swing.csv"
+
+
+def test_a_recording_of_another_program_is_the_measured_robot_beside_its_model(tmp_path):
+    scenes = gap_scene.recorded(swing(tmp_path), "servo_pendulum")
+    assert list(scenes) == ["measured", "model"]
+    angle = {name: scene.signals["q/pivot"] for name, scene in scenes.items()}
+    np.testing.assert_allclose(
+        angle["measured"], 0.8 * np.sin(6.0 * (scenes["measured"].t - 0.04)), atol=1e-5
+    )
+    assert np.corrcoef(angle["measured"][50:], angle["model"][50:])[0, 1] > 0.9
+    assert any(np.ptp(turn[:, 0, 0]) > 0.1 for turn in scenes["model"].turns.values())
+
+
+@pytest.mark.parametrize("words", [(), ("--robot", "servo_pendulum", "tests/golden/hyq_reflex")])
+def test_a_recording_of_another_program_needs_its_robot_and_stands_alone(tmp_path, capsys, words):
+    pytest.importorskip("rerun")
+    with pytest.raises(SystemExit) as end:
+        cli.main(["view", str(swing(tmp_path)), *words])
+    says = "show it alone" if words else "name it by --robot"
+    assert end.value.code == 2 and says in " ".join(capsys.readouterr().err.split())
+
+
 def test_results_of_a_gap_are_the_measured_robot_and_both_models(tmp_path):
     channels = (("q", "pivot", "rad"), ("tau", "pivot", "N·m"))
     scenes = gap_scene.scenes_of(gap_results(tmp_path, channels, (0.3, np.nan, 0.1)))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Scenes from results of `loco gap`: the measured robot and both models."""
+"""Scenes of a measured robot and models of it: from results of `loco gap`, or a recording."""
 
 from __future__ import annotations
 
@@ -9,12 +9,14 @@ import numpy as np
 
 from loco_control.exceptions import BagError
 from loco_learning.gap.localisation import curves
-from loco_learning.gap.localisation.curves import Curves
+from loco_learning.gap.localisation.curves import Curve, Curves
+from loco_learning.gap.prediction.forward import Forward, ForwardParams
 from loco_sim.plant import model as models
 from loco_sim.robot.frames import link_frames
 from loco_sim.robot.robot import Robot
 from loco_sim.world.figure import Figure
 
+from ..gap.importing import load
 from ..gap.run import ARRAYS, MODEL
 from .scene import Scene
 
@@ -42,6 +44,32 @@ def scenes_of(folder: Path) -> dict[str, Scene]:
     """
     loaded, robot = curves.load(folder / ARRAYS), models.load(folder / MODEL).make_robot()
     return {name: _scene(loaded, robot, name) for name in ROBOTS}
+
+
+def recorded(path: Path, robot: str, mapping: Path | None = None) -> dict[str, Scene]:
+    """Scenes of the measured robot and of its model, which gets the recorded commands.
+
+    Args:
+        path: Recording of another program: a bag or a table.
+        robot: Robot, robot.yaml or model.yaml.
+        mapping: Mapping of its topics or columns; None for the one beside it.
+
+    Raises:
+        LocoError: The recording cannot be read, or its robot cannot be simulated.
+    """
+    model = models.load_any(robot)
+    records = load(path, model.make_robot(), mapping, judge=False)
+    forward = Forward(model, records, ForwardParams(signals=("q",)))
+    channels = tuple((c.signal, c.name, c.unit) for c in forward.channels)
+    rows = []
+    for record, said in zip(records, forward(), strict=True):
+        columns = [record.joints.index(channel.name) for channel in forward.channels]
+        q = record.signals["q"][:, columns]
+        judged = np.ones(len(q), dtype=bool)
+        rows.append(Curve(record.name, curves.FIT, record.t, q, said, said, 0.0 * q, judged,
+                          np.zeros(0)))  # fmt: skip
+    both, plant = Curves(channels, tuple(rows)), model.make_robot()
+    return {"measured": _scene(both, plant, "measured"), "model": _scene(both, plant, "after")}
 
 
 def _scene(recorded: Curves, robot: Robot, which: str) -> Scene:

@@ -103,7 +103,10 @@ def compare(p: ArgumentParser) -> None:
 def view(p: ArgumentParser) -> None:
     """Options of `loco view`."""
     p.add_argument("bag", type=Path, nargs="*",
-                   help="bags of runs, or a folder of results of `loco gap`")  # fmt: skip
+                   help="bags of runs, results of `loco gap`, or with --robot a recording of "
+                   "another program")  # fmt: skip
+    option(p, "--robot", "", "robot, robot.yaml or model.yaml of that recording")
+    _mapping(p)
     option(p, "--save", Path, "write this .rrd file and start no viewer")
     p.add_argument("--foxglove", type=int, nargs="?", const=8765, metavar="PORT",
                    help="serve the topics of one bag to Foxglove (default port 8765)")  # fmt: skip
