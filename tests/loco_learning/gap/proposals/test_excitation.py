@@ -90,6 +90,29 @@ def test_records_are_what_the_model_would_have_said():
     }
 
 
+@pytest.mark.parametrize("name", ["linear_axis", "pendulum", "servo_pendulum"])
+def test_ideal_records_of_a_bolted_robot_are_those_of_the_engine_without_it(name, monkeypatch):
+    model = Model(name, {}, [{"name": "viscous_friction", "damping": 0.01}])
+    chosen = [pool.choose(pool.pool(model), "chirp_small")]
+    (real,) = pool.records(model, chosen)
+    monkeypatch.setattr(pool, "rollout", None)
+    (record,) = pool.records(model, chosen, ideal=True)
+    assert record.driven == real.driven and record.command.keys() == real.command.keys()
+    for kind, told in real.command.items():
+        np.testing.assert_array_equal(record.command[kind], told)
+    np.testing.assert_array_equal(record.t, real.t)
+    rounds = 0.501 * model.make_robot().encoder_step
+    for signal, limit in (("q", 1e-9 + rounds), ("tau", 1e-9)):
+        assert np.abs(record.signals[signal] - real.signals[signal]).max() <= limit, signal
+
+
+def test_a_record_is_ideal_only_where_no_engine_is_needed():
+    hanging = Model("tigrillo")
+    chosen = [pool.choose(pool.pool(hanging), "drop")]
+    pairs = [pool.records(hanging, chosen, ideal=ideal)[0] for ideal in (False, True)]
+    np.testing.assert_array_equal(*(r.signals["q"] for r in pairs))
+
+
 def test_a_physics_rate_that_is_no_multiple_of_the_control_rate_ends_no_search():
     model = Model("linear_axis", {"sim.physics_rate": 1013.0})
     chosen = pool.choose(pool.pool(model), "steps")

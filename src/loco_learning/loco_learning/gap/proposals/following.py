@@ -40,7 +40,7 @@ def following(model: Model, case: Case, judged: Judged, notes: list[str]) -> lis
     if judged.decision.verdict == NO_GAP or len(leading) < 2:
         return []
     robots = [case.forward.robot(i) for i in range(len(case.forward.records))]
-    records = pool.records(model, pool.alike(model, pool.pool(model, notes), robots), notes)
+    records = pool.records(model, pool.alike(model, pool.pool(model, notes), robots), notes, True)
     records = [r for r in records if not any(pool.same_motion(r, one) for one in case.records)]
     if not records:
         notes.append("every experiment of the pool was recorded already")
@@ -81,8 +81,8 @@ def hypotheses(judged: Judged) -> list[Fitted]:
 
 
 def _said(case: Case, model: Fitted, every: list[int]) -> list[np.ndarray]:
-    """Predictions of a model, (T, C) for each experiment."""
-    return case.predicted(model.specs, model.overrides, every, case.step_of(model.specs))
+    """Predictions of a model, (T, C) for each experiment; all have the same error of the step."""
+    return case.predicted(model.specs, model.overrides, every, 1.0)
 
 
 def _doubt(
@@ -103,7 +103,7 @@ def _doubt(
         for j, error in zip(range(len(x)), errors, strict=False):
             by = min(float(error), max(1.0, abs(x[j])))  # at most a typical size
             specs = model.moved(index, [v + by * (k == j) for k, v in enumerate(x)])
-            moved = there.predicted(specs, model.overrides, every, there.step_of(specs))
+            moved = there.predicted(specs, model.overrides, every, 1.0)
             columns.append([a - b for a, b in zip(moved, said, strict=True)])
     if not columns:
         return [np.zeros((*each.shape, 0)) for each in said]
