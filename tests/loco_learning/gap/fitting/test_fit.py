@@ -11,6 +11,7 @@ from loco_learning.gap.fitting.fit import Problem, Setting, beyond, fit, jointly
 from loco_learning.gap.hypotheses.hypotheses import offer
 from loco_learning.gap.params import GapParams
 from loco_learning.gap.prediction.case import Case
+from loco_learning.gap.prediction.forward import Forward
 from loco_learning.gap.statistics.solve import FEW, guided
 from loco_sim.effects.offers import Hints
 
@@ -34,6 +35,24 @@ def test_a_wrong_shape_is_left_behind(bench):
     assert far.fit_rms < 0.5 * near.fit_rms
     (spec,) = far.specs
     assert spec["velocity"] == pytest.approx(STRIBECK["velocity"], rel=0.1)
+
+
+def test_minima_are_sought_in_steps_of_the_model_and_fitted_in_finer_ones(bench, monkeypatch):
+    case, offered = bench([STRIBECK])
+    (hypothesis,) = offered["stribeck_friction"].hypotheses
+    near = weigh(case, [at(hypothesis, torque=0.5, velocity=1.0)], {})
+    steps, simulate = [], Forward.__call__
+
+    def counted(self, effects=(), overrides=None, only=None, step=1.0):
+        steps.append(step)
+        return simulate(self, effects, overrides, only, step)
+
+    monkeypatch.setattr(Forward, "__call__", counted)
+    far = beyond(case, near, setting())
+    assert steps[-1] == case.fine < 1.0
+    assert steps.count(1.0) > 2 * steps.count(case.fine)
+    r = Problem(case, far.parts, setting())(Problem(case, far.parts, setting()).start)
+    assert far.cost == pytest.approx(0.5 * float(r @ r), rel=1e-6)
 
 
 def test_the_right_one_stays(bench):

@@ -397,11 +397,13 @@ def beyond(case: Case, model: Fitted, setting: Setting) -> Fitted:
 
     A shape such as a time constant or a radius has several minima. So has an angle where a drive
     quantises its encoder: the motion is nearly the same one encoder step further on. Models of
-    several effects are not searched: they start from fits of single effects.
+    several effects are not searched: they start from fits of single effects. The steps of the
+    model tell minima apart; only from the one that is found on, finer ones are taken.
     """
     if len(model.parts) > 1:
         return model
-    params, problem = setting.params, Problem(case, model.parts, setting, model.overrides)
+    params = setting.params
+    problem = Problem(case, model.parts, setting, model.overrides, coarse=True)
     strides = _strides(problem)
     if not strides:
         return model
@@ -422,7 +424,10 @@ def beyond(case: Case, model: Fitted, setting: Setting) -> Fitted:
     if z is problem.start:
         return model
     parts, overrides = problem.split(z)
-    return weigh(case, parts, overrides, cost)
+    if case.step_of(specs_of(parts)) == 1.0:
+        return weigh(case, parts, overrides, cost)
+    reduced = replace(setting, params=params.replace(evaluations=AGAIN), free=overrides)
+    return min((model, fit(case, parts, reduced)), key=lambda m: m.fit_rms)
 
 
 def _strides(problem: Problem) -> list[tuple[int, float]]:

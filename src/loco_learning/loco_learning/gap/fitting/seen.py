@@ -35,7 +35,7 @@ def seen(case: Case, model: Fitted) -> int:
         model: Fitted model.
     """
     case = case.kept()  # compensation by values of the robot is not considered here
-    reference = identify.flat(case.whitened(model.specs, model.settled))
+    reference = identify.flat(case.whitened(model.specs, model.settled, coarse=True))
     weight = np.sqrt(identify.weights(model.score))
     count = 0
     for i, (hypothesis, x) in enumerate(model.parts):
@@ -44,7 +44,7 @@ def seen(case: Case, model: Fitted) -> int:
             step = MOVED * typical
             step = step if c.clipped(x[j] + step) == x[j] + step else -step
             specs = model.moved(i, [v + step * (k == j) for k, v in enumerate(x)])
-            shifted = identify.flat(case.whitened(specs, model.settled))
+            shifted = identify.flat(case.whitened(specs, model.settled, coarse=True))
             change = np.clip(np.nan_to_num(shifted - reference), -case.cap, case.cap) * weight
             count += float(np.linalg.norm(change)) / MOVED >= NOTICED
     return count
