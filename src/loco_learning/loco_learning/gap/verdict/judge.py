@@ -32,7 +32,7 @@ from .sensitivity import sensitivities
 
 BENT = 1.0  # deviation of a robot value above which sensitivities are recomputed (taste)
 LEADING = 4  # models that are fitted to convergence in any case
-LEAST = 1e-3  # probability above which a model is fitted to convergence
+LEAST = 0.01  # probability above which a model is fitted to convergence
 LOOK_ALIKES = 2  # look-alikes that are fitted in any case, if not fitted yet
 ROUNDS = 6  # models that are challenged at most
 LITTLE_BESIDE = 0.1  # size over the largest of a family below which a joint is left out (taste)
