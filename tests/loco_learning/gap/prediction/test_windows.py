@@ -270,6 +270,22 @@ def test_a_log_that_begins_just_before_a_step_starts_with_its_speed(before, enco
     assert doubt < 1.0
 
 
+def test_the_first_state_is_computed_once_and_depends_on_the_first_samples_alone():
+    plant, t = Model("servo_pendulum").make_robot(), np.arange(0.0, 4.0, 0.01)
+    q = np.round(0.3 * np.sin(3.0 * t + 0.5), 3)
+    windows._first_of.cache_clear()
+    states = []
+    for later in (0.0, 0.1, 0.2):
+        x = (q + later * (t > 2.0))[:, None]
+        told = q[:, None]
+        record = Record("r", t, {"position": told}, ("pivot",), {"q": x}, ("pivot",),
+                        resolution={("q", "pivot"): 1e-3})  # fmt: skip
+        states += [windows.first_state(record, plant), windows.first_doubt(record, plant)]
+    np.testing.assert_allclose(states[4], states[0], rtol=1e-3)
+    info = windows._first_of.cache_info()
+    assert info.hits >= 3 and info.misses <= 3
+
+
 def test_a_robot_that_swings_at_first_starts_with_its_speed():
     plant, rng = Model("servo_pendulum").make_robot(), np.random.default_rng(1)
     t = np.arange(0.0, 4.0, 0.01)
