@@ -13,8 +13,8 @@ from loco_learning.gap.fitting.seen import seen
 from loco_learning.gap.hypotheses.hypotheses import offer
 from loco_learning.gap.prediction import case as cases
 from loco_learning.gap.prediction.forward import Forward
+from loco_learning.gap.probability import prices
 from loco_learning.gap.recordings.record import Record
-from loco_learning.gap.verdict import rivals
 from loco_sim.effects.offers import Hints
 from loco_sim.plant.model import Model
 
@@ -54,8 +54,8 @@ def test_only_what_is_seen_is_paid(case):
     made = weighed(case, "com_offset", (0.1, 1.0, 0.1)), weighed(case, "slope", (1.0, 0.0))
     noise = (np.random.default_rng(0).normal(size=(1000, 1)),)
     offset, slope = (replace(m, whole=noise, pull=0.0) for m in made)
-    blind = rivals.occam(offset, slope)
+    blind = prices.occam(offset, slope)
     assert blind == pytest.approx(0.5 * np.log(offset.score.n_eff))  # 30 : 1 for three against two
     assert offset.score.n_eff == pytest.approx(1000.0, rel=0.1)
-    assert rivals.occam(replace(offset, seen=2), replace(slope, seen=2)) == 0.0
-    assert rivals.occam(replace(offset, seen=2), replace(slope, seen=1)) == pytest.approx(blind)
+    assert prices.occam(replace(offset, seen=2), replace(slope, seen=2)) == 0.0
+    assert prices.occam(replace(offset, seen=2), replace(slope, seen=1)) == pytest.approx(blind)
