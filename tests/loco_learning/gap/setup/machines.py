@@ -57,14 +57,19 @@ class Machine:
     friction: float = 0.05
     robot: dict = field(default_factory=dict)
 
-    def record(self, seed: int, tilt: float = 0.0, carried: bool = False) -> dict[str, np.ndarray]:
+    def record(
+        self, seed: int, tilt: float = 0.0, carried: bool = False, friction: float = 0.0
+    ) -> dict[str, np.ndarray]:
         """Even samples of t, and per joint q, tau and cmd.
 
         Args:
             seed: Seed of command and noise.
             tilt: Angle by which the bench is inclined about the axis of the arm [rad].
             carried: The drives carry the weight besides.
+            friction: Dry friction instead of that of the machine [N·m]; 0 for its own.
         """
+        if friction:
+            return replace(self, friction=friction).record(seed, tilt, carried)
         rng, n = np.random.default_rng(seed), len(self.joints)
         told = self._command(rng)
         q, dq, rows = told(0.0) if self.kp else np.zeros(n), np.zeros(n), []
