@@ -296,9 +296,9 @@ def test_a_model_is_fitted_to_convergence_once_and_again_if_a_better_start_is_fo
 
 @pytest.mark.parametrize(
     ("explains", "crowd", "verdict"),
-    [(True, "", NAMED), (True, "3 of 4", MORE), (False, "", MORE), (False, "3 of 4", MORE)],
+    [(True, "", NAMED), (True, "3 of 4", MORE), (False, "", MORE), (False, "3 of 4", UNKNOWN)],
 )
-def test_values_on_their_bounds_count_against_a_name_that_stands_alone(
+def test_values_on_their_bounds_lower_a_verdict_by_one_step(
     monkeypatch, explains, crowd, verdict
 ):
     base, best = fitted(rms=9.0), fitted(DRY, rms=0.0 if explains else 2.5)
@@ -312,7 +312,8 @@ def test_values_on_their_bounds_count_against_a_name_that_stands_alone(
     search = Some(params=Some(seed=0, free_spread=0.3), nominal={}, adequate=lambda m: False)
     found = judge.judge(Some(loose=None), search, Some(base=base, given=base, models=[best]))
     assert found.decision.verdict == verdict
-    assert ("More is missing: 3 of 4" in found.decision.evidence) is (explains and bool(crowd))
+    assert ("More is missing: 3 of 4" in found.decision.evidence) is bool(crowd)
+    assert found.decision.names == (() if verdict == UNKNOWN else (DRY,))
     on_bound, settings = found.alarms
     assert "on the bound" in on_bound and settings == "of 1"
 

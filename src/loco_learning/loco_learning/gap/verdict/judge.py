@@ -35,6 +35,7 @@ LEADING = 4  # models that are fitted to convergence in any case
 LEAST = 0.01  # probability above which a model is fitted to convergence
 LOOK_ALIKES = 2  # look-alikes that are fitted in any case, if not fitted yet
 ROUNDS = 6  # models that are challenged at most
+LOWER = {NAMED: MORE, MORE: UNKNOWN}  # verdict if values of the robot imitate what is missing
 LITTLE_BESIDE = 0.1  # size over the largest of a family below which a joint is left out (taste)
 LESS, NEARLY = 0.4, 1.5  # the same for sizes within 1.5 half intervals of 0 (taste)
 
@@ -120,9 +121,9 @@ def judge(case: Case, search: Search, found: Found, criterion: Criterion = CRITE
         )
         decision = replace(decision, evidence=text)
     crowding = traded.crowded(case, after)
-    if crowding and decision.verdict == NAMED:
+    if crowding and decision.verdict in LOWER:
         text = f"{decision.evidence} More is missing: {crowding}."
-        decision = replace(decision, verdict=MORE, evidence=text)
+        decision = replace(decision, verdict=LOWER[decision.verdict], evidence=text)
     warnings = (
         *(
             alarm
