@@ -216,9 +216,9 @@ def _term(judged: Judged, index: int) -> dict[str, Any]:
     ruling, model = judged.decision.rulings[index], judged.best
     without = judged.without[index] if judged.without else judged.base
     closed = evidence.closed_by(without.whole, model.whole)
-    text = f"without it the rms is {without.held.rms:.3g} noise floors on held-out data and "\
-        f"{evidence.rms(without.whole):.3g} on all, with it {model.held.rms:.3g} and "\
-        f"{evidence.rms(model.whole):.3g}"  # fmt: skip
+    text = f"without {'it' if judged.without else 'any effect'} the rms is {without.held.rms:.3g} "\
+        f"noise floors on held-out data and {evidence.rms(without.whole):.3g} on all, with it "\
+        f"{model.held.rms:.3g} and {evidence.rms(model.whole):.3g}"  # fmt: skip
     estimates = judged.estimates[model.parts[index][0].key]
     for e in estimates:
         if e.excludes_absent and e.low <= e.absent <= e.high:
