@@ -71,13 +71,17 @@ class Chain:
         """Arrays of the chain, which its kernels change."""
         return Laws(self._plan, self._joint, self._const, self._memory, self._line)
 
-    def torque(self, *state: Any) -> np.ndarray:
+    def torque(
+        self, tau: np.ndarray, q: np.ndarray, dq: np.ndarray, dt: float, t: float
+    ) -> np.ndarray:
         """Hook `on_torque` of all effects."""
-        return self._changed(False, *state)
+        return self._changed(False, tau, q, dq, dt, t)
 
-    def drive(self, *state: Any) -> np.ndarray:
+    def drive(
+        self, tau: np.ndarray, q: np.ndarray, dq: np.ndarray, dt: float, t: float
+    ) -> np.ndarray:
         """Hook `on_drive` of all effects."""
-        return self._changed(True, *state)
+        return self._changed(True, tau, q, dq, dt, t)
 
     def _changed(
         self, of_drives: bool, tau: np.ndarray, q: np.ndarray, dq: np.ndarray, dt: float, t: float
@@ -172,16 +176,20 @@ class JointEffect(Effect):
 class TorqueEffect(JointEffect):
     """Base of effects parallel to the drives, such as springs, which change the joint torques."""
 
-    def on_torque(self, *state: Any) -> np.ndarray:
-        return self._alone.torque(*state)
+    def on_torque(
+        self, tau: np.ndarray, q: np.ndarray, dq: np.ndarray, dt: float, t: float
+    ) -> np.ndarray:
+        return self._alone.torque(tau, q, dq, dt, t)
 
 
 @dataclass
 class DriveEffect(JointEffect):
     """Base of effects on the torques of the drives, without those of parallel springs."""
 
-    def on_drive(self, *state: Any) -> np.ndarray:
-        return self._alone.drive(*state)
+    def on_drive(
+        self, tau: np.ndarray, q: np.ndarray, dq: np.ndarray, dt: float, t: float
+    ) -> np.ndarray:
+        return self._alone.drive(tau, q, dq, dt, t)
 
 
 @dataclass
@@ -196,8 +204,10 @@ class MotorEffect(DriveEffect):
         drives = [world.robot.drives.get(world.robot.joints[j]) for j in self.joints]
         self.rows[:, ON_MOTOR] = [getattr(drive, "rotor_inertia", 0.0) > 0.0 for drive in drives]
 
-    def on_motor(self, *state: Any) -> np.ndarray:
-        return self._alone.motor(*state)
+    def on_motor(
+        self, rows: np.ndarray, asked: np.ndarray, speed: np.ndarray, dt: float, t: float
+    ) -> np.ndarray:
+        return self._alone.motor(rows, asked, speed, dt, t)
 
 
 @dataclass
@@ -208,5 +218,13 @@ class BrakeEffect(JointEffect):
     velocity of that extra torque, viscous damping, and share of the drive torque.
     """
 
-    def on_brake(self, *state: Any) -> np.ndarray:
-        return self._alone.brake(*state)
+    def on_brake(
+        self,
+        budget: np.ndarray,
+        tau: np.ndarray,
+        q: np.ndarray,
+        dq: np.ndarray,
+        dt: float,
+        t: float,
+    ) -> np.ndarray:
+        return self._alone.brake(budget, tau, q, dq, dt, t)
