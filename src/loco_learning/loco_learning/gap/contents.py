@@ -29,6 +29,7 @@ from .probability.weights import CRITERION, Weights, places
 from .proposals.following import following
 from .recordings.record import Doubt, Record
 from .statistics import evidence, identify
+from .statistics.leftover import LIMITS
 from .verdict import rounding, scale
 from .verdict.decide import AMBIGUOUS, MORE, NAMED, NO_GAP, UNKNOWN, Decision
 from .verdict.judge import Judged
@@ -39,7 +40,6 @@ WHERE, LEARNED = 3, 6  # keys of random streams
 FEW_JOINTS = 3  # joints listed by name
 MOST_CELLS = 40  # cells listed at most
 LIKELY = 0.01  # probability of a place from which on it is listed
-LEAST_CLOSED = 0.163  # share of the rms above noise: 30 % of the energy (taste)
 EMPTY = {"where": [], "regions": [], "identifiability": {}, "correction": None,
          "residual": None, "next": []}  # fmt: skip
 
@@ -216,9 +216,11 @@ def _term(judged: Judged, index: int) -> dict[str, Any]:
     ruling, model = judged.decision.rulings[index], judged.best
     without = judged.without[index] if judged.without else judged.base
     closed = evidence.closed_by(without.whole, model.whole)
-    text = f"without {'it' if judged.without else 'any effect'} the rms is {without.held.rms:.3g} "\
-        f"noise floors on held-out data and {evidence.rms(without.whole):.3g} on all, with it "\
-        f"{model.held.rms:.3g} and {evidence.rms(model.whole):.3g}"  # fmt: skip
+    text = (
+        f"without {'it' if judged.without else 'any effect'} the rms is {without.held.rms:.3g} "
+        f"noise floors on held-out data and {evidence.rms(without.whole):.3g} on all, with it "
+        f"{model.held.rms:.3g} and {evidence.rms(model.whole):.3g}"
+    )
     estimates = judged.estimates[model.parts[index][0].key]
     for e in estimates:
         if e.excludes_absent and e.low <= e.absent <= e.high:
@@ -351,7 +353,7 @@ def learned(case: Case, judged: Judged, seed: int, each: residual.Each) -> dict[
     against = []
     if probability < CRITERION.confidence:
         against.append(f"its gain may be chance (probability {probability:.2f})")
-    if closed < LEAST_CLOSED:
+    if closed < LIMITS.least:
         against.append(f"it closes only {closed:.0%} of the gap")
     names, count = ", ".join(result.joints), len(result.joints)
     where = names if count <= FEW_JOINTS else f"{count} joints"

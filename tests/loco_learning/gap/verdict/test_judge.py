@@ -21,7 +21,7 @@ from ..probability.models import fitted
 def judgement(**attributes):
     """A judgement of which only some attributes are known."""
     one = judge.Judgement.__new__(judge.Judgement)
-    one.about, one.fits, one.converged, one.lost = None, {}, set(), {}
+    one.about, one.fits, one.converged, one.lost, one.known = None, {}, set(), {}, {}
     vars(one).update(attributes)
     return one
 
@@ -39,7 +39,7 @@ def test_a_law_in_several_joints_stays_where_it_is_more_than_nothing(sizes, left
     screened = [Screened(h, 0.2, (1.0,)) for h in offered]
     ((family, _),) = families(screened, joints)
     beside = Hypothesis("push", "trunk", (), (size,)), (1.0,)
-    best = Some(parts=((family, sizes), beside), specs=[], overrides={})
+    best = Some(parts=((family, sizes), beside), specs=[], overrides={}, key="best")
     known = {
         h.key: [
             Estimate(c.label, x, x - 0.1, x + 0.1) for c, x in zip(h.coordinates, at, strict=True)
@@ -316,6 +316,16 @@ def test_values_on_their_bounds_lower_a_verdict_by_one_step(
     assert found.decision.names == (() if verdict == UNKNOWN else (DRY,))
     on_bound, settings = found.alarms
     assert "on the bound" in on_bound and settings == "of 1"
+
+
+def test_sensitivities_of_a_model_are_computed_once_and_anew_for_another_fit(monkeypatch):
+    asked = []
+    monkeypatch.setattr(judge, "sensitivities", lambda case, model, doubtful: asked.append(model))
+    judging = judgement(case=Some(corrected=lambda specs, overrides: None))
+    first, again = fitted(DRY, rms=2.0), fitted(DRY, rms=1.0)
+    for model in (first, first, again, again):
+        judging._sensitivities(model)
+    assert [one is other for one, other in zip(asked, (first, again), strict=True)] == [True, True]
 
 
 def test_a_judgement_ends_after_some_rounds(judged, monkeypatch):

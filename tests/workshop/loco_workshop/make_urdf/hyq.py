@@ -19,21 +19,13 @@ import loco_sim
 from loco_control.legs.geometry import LegGeometry
 from loco_control.names import LEGS, foot_name, joint_name
 
-from .text import ZERO, Vector, link, shape, text
+from .text import COLOURS, DARK, METAL, RUBBER, ZERO, Vector, link, shape, text
 
 ALONG_X: Vector = (0.0, pi / 2, 0.0)  # turns a cylinder's axis from z to x
 
 EFFORT, SPEED, DAMPING = 150.0, 12.0, 0.1  # limits and damping of joints [N·m, rad/s, N·m·s/rad]
 KNEE_RADIUS = 0.038  # [m]
 
-# Warm colours for left legs, cool ones for right legs, distinguishable for the colour-blind.
-COLOURS = {
-    "lf": (0.84, 0.26, 0.08),
-    "rf": (0.05, 0.38, 0.68),
-    "lh": (0.93, 0.62, 0.10),
-    "rh": (0.30, 0.66, 0.88),
-}
-BODY, METAL, RUBBER = (0.20, 0.22, 0.26), (0.72, 0.74, 0.77), (0.12, 0.12, 0.13)
 
 
 def write(geometry: LegGeometry | None = None) -> str:
@@ -64,10 +56,10 @@ def _trunk() -> list[str]:
     inertia = (1.5725937, 8.5015928, 9.1954911, 0.028375, -0.203139, -0.004462)
     shapes = [
         shape("collision", "box", (0.9, 0.35, 0.2)),
-        shape("visual", "box", (0.64, 0.22, 0.14), colour=BODY),
+        shape("visual", "box", (0.64, 0.22, 0.14), colour=DARK),
         shape("visual", "box", (0.42, 0.27, 0.08), (0.0, 0.0, 0.0), colour=METAL),
-        shape("visual", "box", (0.13, 0.30, 0.12), (0.36, 0.0, 0.01), colour=BODY),
-        shape("visual", "box", (0.13, 0.30, 0.12), (-0.36, 0.0, 0.01), colour=BODY),
+        shape("visual", "box", (0.13, 0.30, 0.12), (0.36, 0.0, 0.01), colour=DARK),
+        shape("visual", "box", (0.13, 0.30, 0.12), (-0.36, 0.0, 0.01), colour=DARK),
         shape("visual", "box", (0.05, 0.15, 0.06), (0.42, 0.0, 0.02), colour=RUBBER),
     ]
     return link("base_link", 58.96, (0.01, 0.0, 0.00358), inertia, shapes)
@@ -100,7 +92,7 @@ def _hip(name: str, sign: float) -> list[str]:
     inertia = (0.05071, 0.05486, 0.00571, -0.00004 * sign, -0.00159 * sign, -0.00005)
     shapes = [
         shape("visual", "box", (0.10, 0.075, 0.13), colour=METAL),
-        shape("visual", "box", (0.10, 0.085, 0.08), (0.07, 0.0, 0.0), colour=BODY),
+        shape("visual", "box", (0.10, 0.085, 0.08), (0.07, 0.0, 0.0), colour=DARK),
     ]
     return link(name, 2.93, (0.04263, 0.0, 0.16931 * sign), inertia, shapes)
 

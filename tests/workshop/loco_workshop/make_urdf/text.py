@@ -8,6 +8,15 @@ from math import pi
 Vector = tuple[float, float, float]
 ZERO: Vector = (0.0, 0.0, 0.0)
 
+# Warm colours for left legs, cool ones for right legs, distinguishable for the colour-blind.
+COLOURS = {
+    "lf": (0.84, 0.26, 0.08),
+    "rf": (0.05, 0.38, 0.68),
+    "lh": (0.93, 0.62, 0.10),
+    "rh": (0.30, 0.66, 0.88),
+}
+DARK, METAL, RUBBER = (0.20, 0.22, 0.26), (0.72, 0.74, 0.77), (0.12, 0.12, 0.13)
+
 
 def link(name: str, mass: float, com: Vector, inertia: tuple, shapes: list[str]) -> list[str]:
     """Lines of a link with mass [kg] and inertia (xx, yy, zz, xy, xz, yz) about `com` [kg·m²]."""

@@ -19,7 +19,7 @@ from pathlib import Path
 import loco_sim
 from loco_control.names import LEGS, foot_name, joint_name
 
-from .text import ZERO, Vector, link, shape, text
+from .text import COLOURS, DARK, METAL, RUBBER, ZERO, Vector, link, shape, text
 
 FEMUR, SHANK, TIBIA_TOP = 0.07, 0.055, 0.035  # hip-knee, knee-foot, knee-spring [m]
 RADIUS, FOOT_RADIUS = 0.004, 0.006  # radii of rods and feet [m]
@@ -34,13 +34,6 @@ NAMES = {"f": "front_body", "h": "hind_body"}
 PLATE_MASS = 1e-4  # engines treat a massless base as fixed to the world [kg]
 MOTOR = (0.036, 0.036, 0.0506)  # sides of a servo [m]
 
-COLOURS = {
-    "lf": (0.84, 0.26, 0.08),
-    "rf": (0.05, 0.38, 0.68),
-    "lh": (0.93, 0.62, 0.10),
-    "rh": (0.30, 0.66, 0.88),
-}
-DARK, METAL, RUBBER = (0.20, 0.22, 0.26), (0.72, 0.74, 0.77), (0.12, 0.12, 0.13)
 
 
 def write() -> str:

@@ -30,9 +30,6 @@ def plain(value: Any) -> str:
     if isinstance(value, (int, float)):
         return str(value) if isinstance(value, int) else text.number(value)
     if isinstance(value, Mapping):
-        if {"mean", "low", "high"} <= set(value):
-            low, high = text.number(value["low"]), text.number(value["high"])
-            return f"{text.number(value['mean'])} ({low} to {high})"
         return ", ".join(f"{k} {plain(v)}" for k, v in value.items())
     if isinstance(value, (list, tuple)):
         return ", ".join(plain(v) for v in value)

@@ -24,7 +24,6 @@ from .prices import occam, on_edge
 
 NOTHING = "nothing"
 WEIGHTS = 8  # key of a random stream
-EDGE = 0.01  # distance of a shape from a bound, over the value, that counts as on it
 ROUNDING = 1e-9  # of a sum of probabilities
 
 
@@ -44,6 +43,9 @@ class Criterion(Params):
         0.5, "share of the rms above noise that the effects of a model must close if it does not "
         "explain the data", low=0.0, high=1.0
     )  # fmt: skip
+    edge: float = parameter(
+        0.01, "distance from a bound, over the value, that counts as on it", low=0.0, high=0.5
+    )
     trifle: float = parameter(
         3.0, "rms of the loudest channel [floors] on all records up to which a gap that something "
         "too small to matter explains is none", low=1.0
@@ -69,6 +71,11 @@ class Weights:
     def best(self) -> Fitted:
         """The most probable model."""
         return self.models[0]
+
+    @property
+    def ranked(self) -> list[tuple[Fitted, float]]:
+        """Models with their probabilities, the most probable first."""
+        return list(zip(self.models, map(float, self.values), strict=True))
 
     def probability(self, holds: Callable[[Hypothesis], float]) -> float:
         """Probability that some effect of the model fulfils a condition.
@@ -109,9 +116,9 @@ class Weights:
             name: Name of the effect.
         """
         result: dict[str, float] = {}
-        for model, value in zip(self.models, self.values, strict=True):
+        for model, value in self.ranked:
             for place in {h.place for h, _ in model.parts if h.effect == name}:
-                result[place] = result.get(place, 0.0) + float(value)
+                result[place] = result.get(place, 0.0) + value
         return dict(sorted(result.items(), key=lambda pair: (-pair[1], pair[0])))
 
     def alternatives(self, model: Fitted, index: int) -> dict[str, float]:
@@ -127,13 +134,13 @@ class Weights:
         """
         target, present = model.parts[index][0], set(model.names)
         result: dict[str, float] = {}
-        for candidate, value in zip(self.models, self.values, strict=True):
+        for candidate, value in self.ranked:
             if target.effect in candidate.names:
                 names = (target.effect, *EFFECTS[target.effect].identity.twins)
             else:
                 names = tuple(n for n in candidate.names if n not in present) or (NOTHING,)
             for name in names:
-                result[name] = result.get(name, 0.0) + float(value) / len(names)
+                result[name] = result.get(name, 0.0) + value / len(names)
         return dict(sorted(result.items(), key=lambda pair: (-pair[1], pair[0])))
 
     def supported(self, confidence: float) -> Fitted:
@@ -172,7 +179,7 @@ def weigh(
         criterion: Free numbers.
         unusual: Logarithm of the prior odds against further values of a model [nat].
     """
-    inside = [m for m in models if not any(on_edge(*part, EDGE) for part in m.parts)]
+    inside = [m for m in models if not any(on_edge(*part, criterion.edge) for part in m.parts)]
     models = sorted(inside, key=lambda m: (m.fit_rms * m.held.rms, m.key))
     first, scores = 0, [m.score for m in models]
     for _ in models:

@@ -15,6 +15,7 @@ from ..fitting.fit import Fitted
 from ..prediction.case import Case
 from ..prediction.forward import Forward
 from ..statistics import evidence
+from ..statistics.leftover import LIMITS
 from ..verdict.decide import NO_GAP
 from ..verdict.judge import Judged
 from ..verdict.sensitivity import sensitivities
@@ -23,7 +24,6 @@ from . import pool, propose
 MOST_PROPOSALS = 3  # experiments that are proposed
 HYPOTHESES = 3
 ENOUGH = 1000.0  # ratio of probabilities above which an explanation is excluded
-CLOSES = 0.163  # smallest share of the rms above noise that an explanation closes (taste)
 FEW = 0.5  # evidence that is negligible [nat] (taste)
 
 
@@ -75,7 +75,7 @@ def hypotheses(judged: Judged) -> list[Fitted]:
     models = [judged.best, *(model for model, value in judged.rivals if value > least)]
     leading: dict[tuple[str, ...], Fitted] = {}
     for model in models:
-        if evidence.closed_by(base, model.held.residuals) >= CLOSES:
+        if evidence.closed_by(base, model.held.residuals) >= LIMITS.least:
             leading.setdefault(model.names, model)
     return list(leading.values())[:HYPOTHESES]
 

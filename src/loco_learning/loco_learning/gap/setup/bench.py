@@ -207,9 +207,10 @@ class Bench:
         if self.free:
             return commanded(records)
         model = model_with(self.model, changes)
-        forward = None if self.led else Forward(model, records, ForwardParams(signals=("q",)))
-        self.led |= forward is not None and possible(forward) and not forward.robot().springs
-        if self.led:  # springs restore joints
+        if not self.led:
+            forward = Forward(model, records, ForwardParams(signals=("q",)))
+            self.led = possible(forward) and not forward.robot().springs  # springs restore joints
+        if self.led:
             forward = Led(model, records)
         names = tuple(channel.name for channel in forward.channels)
         moves = tuple(moving(record, names) for record in records)

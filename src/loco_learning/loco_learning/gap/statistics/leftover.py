@@ -34,6 +34,10 @@ class Limits(Params):
         0.9, "share of a channel's gap in a record whose closing is as good as explaining it",
         high=1.0,
     )  # fmt: skip
+    least: float = parameter(
+        0.163, "share of the gap below which a model closes almost nothing: 30 % of its energy "
+        "(taste)", low=0.0, high=1.0
+    )  # fmt: skip
     rare: float = parameter(
         0.01, "probability of a false alarm by noise in any of the channels (taste)", low=0.0,
         high=0.5,

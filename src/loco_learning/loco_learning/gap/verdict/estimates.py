@@ -10,15 +10,13 @@ from dataclasses import dataclass
 from loco_control.params import Params, parameter
 
 from ..probability.prices import on_bound
+from ..probability.weights import CRITERION
 
 
 @dataclass(frozen=True)
 class Alarms(Params):
     """Limits of plausible fitted values, for alarms. No verdict depends on these numbers."""
 
-    edge: float = parameter(
-        0.01, "distance from a bound, over the value, that counts as on it", low=0.0, high=0.5
-    )
     spread: float = parameter(
         0.3, "deviation of a strength between parts of the data, over its value, from which on "
         "it is no constant of the robot", low=0.0
@@ -90,7 +88,7 @@ def alarms(effect: str, estimates: Sequence[Estimate], limits: Alarms = ALARMS) 
     messages, open_ends = [], _undetermined(estimates)
     for e in estimates:
         where = f"{effect}: {e.name} = {e.value:.3g}" + f" {e.unit}" * (e.unit != "-")
-        if on_bound(e.value, (b for b in (e.least, e.most) if b != e.absent), limits.edge):
+        if on_bound(e.value, (b for b in (e.least, e.most) if b != e.absent), CRITERION.edge):
             messages.append(f"{where} is on the bound of its range {e.least:g} to {e.most:g}")
         if e.sign * e.value < 0.0:
             kind = "negative" if e.value < 0.0 else "positive"

@@ -86,14 +86,12 @@ class Judged:
     @property
     def probability(self) -> float:
         """Probability of the selected model."""
-        pairs = zip(self.weights.models, self.weights.values, strict=True)
-        return next((float(p) for m, p in pairs if m.key == self.best.key), 0.0)
+        return next((p for m, p in self.weights.ranked if m.key == self.best.key), 0.0)
 
     @property
     def rivals(self) -> list[tuple[Fitted, float]]:
         """Other models with effects and their probabilities, the most probable first."""
-        pairs = zip(self.weights.models, self.weights.values, strict=True)
-        return [(m, float(p)) for m, p in pairs if m.parts and m.key != self.best.key]
+        return [(m, p) for m, p in self.weights.ranked if m.parts and m.key != self.best.key]
 
 
 def judge(case: Case, search: Search, found: Found, criterion: Criterion = CRITERION) -> Judged:
@@ -153,6 +151,7 @@ class Judgement:
         self.converged: set[str] = {found.base.key}
         self.lost: dict[str, tuple[Fitted, ...]] = {}  # models without each effect, by key
         self.about: list[dict] | None = None
+        self.known: dict[str, tuple[Fitted, tuple]] = {}  # sensitivities of models, by key
 
     def result(self) -> Judged:
         """The decision on the most probable model."""
@@ -185,8 +184,7 @@ class Judgement:
             weights = weigh(
                 [*self.fits.values()], self.search.params.seed, self.criterion, self._unusual
             )
-            pairs = zip(weights.models, weights.values, strict=True)
-            if not self._finish([m for m, value in pairs if value > LEAST]):
+            if not self._finish([m for m, value in weights.ranked if value > LEAST]):
                 return weights
 
     def _unusual(self, model: Fitted) -> float:
@@ -204,8 +202,7 @@ class Judgement:
         """
         model = weights.supported(self.criterion.confidence)
         while True:
-            exact = self.case.corrected(model.specs, model.overrides)  # as it was fitted
-            estimates, analysis = sensitivities(exact, model, doubtful=True)
+            estimates, analysis = self._sensitivities(model)
             unsure = {key for key, each in estimates.items() if absent(each)}
             keys = [h.key for h, _ in model.parts if h.key not in unsure]
             smaller = self.fits.get(" + ".join(sorted(keys)))
@@ -229,8 +226,7 @@ class Judgement:
         """The model without the idle joints of its families, refitted; empty if there are none."""
         if not any(h.joints for h, _ in model.parts):
             return []
-        exact = self.case.corrected(model.specs, model.overrides)
-        estimates, _ = sensitivities(exact, model, doubtful=True)
+        estimates, _ = self._sensitivities(model)
         parts = []
         for hypothesis, x in model.parts:
             negligible = _idle(hypothesis, estimates[hypothesis.key])
@@ -241,6 +237,15 @@ class Judgement:
             parts.append((hypothesis, x))
         same = {h.key for h, _ in parts} <= {h.key for h, _ in model.parts}
         return [] if same else [self._fitted(parts)]
+
+    def _sensitivities(self, model: Fitted) -> tuple:
+        """Result of `sensitivities` for a model as it was fitted, computed once."""
+        known, result = self.known.get(model.key, (None, ()))
+        if known is not model:
+            exact = self.case.corrected(model.specs, model.overrides)
+            result = sensitivities(exact, model, doubtful=True)
+            self.known[model.key] = model, result
+        return result
 
     def _put(self, models: Iterable[Fitted]) -> list[Fitted]:
         """The better of each model and the fit of the same effects that is known."""

@@ -114,11 +114,7 @@ def _row(vary: str, words: str, models: Sequence[Fitted], residuals: list, seed:
     there = [replace(m, whole=tuple(r)) for m, r in zip(models, residuals, strict=True)]
     weights = weights_of(there, seed)
     named = set(models[0].names)
-    share = sum(
-        float(value)
-        for model, value in zip(weights.models, weights.values, strict=True)
-        if named <= set(model.names)
-    )
+    share = sum(value for model, value in weights.ranked if named <= set(model.names))
     closed = evidence.closed_by(residuals[1], residuals[0])
     return Row(vary, words, weights.best.names, share, closed)
 

@@ -31,10 +31,10 @@ def strained(
         limits: Smallest deviations that are implausible.
     """
     return tuple(
-        f"{name} goes to {value:.3g}, {value / values[name]:.3g} times what the robot says: more "
-        f"than {limits.strained:g} deviations of its prior"
-        for name, value in model.overrides.items()
-        if abs(math.log(value / values[name])) > limits.strained * spread
+        f"{name} goes to {model.overrides[name]:.3g}, {model.overrides[name] / values[name]:.3g} "
+        f"times what the robot says: more than {limits.strained:g} deviations of its prior"
+        for name, by in _deviations(model, values, spread).items()
+        if abs(by) > limits.strained
     )
 
 
@@ -46,8 +46,12 @@ def penalty(model: Fitted, values: Mapping[str, float], spread: float) -> float:
         values: Nominal values of the robot by dotted name.
         spread: Standard deviation of the logarithm of a value.
     """
-    logs = [math.log(value / values[name]) / spread for name, value in model.overrides.items()]
-    return 0.5 * float(np.sum(np.square(logs)))
+    return 0.5 * sum(by**2 for by in _deviations(model, values, spread).values())
+
+
+def _deviations(model: Fitted, values: Mapping[str, float], spread: float) -> dict[str, float]:
+    """Free values of a model in deviations of their priors, by name; arguments as of `penalty`."""
+    return {n: math.log(value / values[n]) / spread for n, value in model.overrides.items()}
 
 
 def strayed(case: Case, model: Fitted, limits: Alarms = ALARMS) -> tuple[str, ...]:
