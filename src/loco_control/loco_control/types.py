@@ -51,8 +51,8 @@ class GaitTarget:
     t: float  # [s]
     q: np.ndarray  # joint position [rad], (12,)
     dq: np.ndarray  # joint velocity [rad/s], (12,)
-    foot_position: np.ndarray  # in the base frame [m], (4, 3)
-    foot_velocity: np.ndarray  # in the base frame [m/s], (4, 3)
+    foot_position: np.ndarray  # base frame, horizontal with kinematic adjustment [m], (4, 3)
+    foot_velocity: np.ndarray  # in the same frame [m/s], (4, 3)
     phase: np.ndarray  # stride phase, 0 at touchdown [-], in [0, 1), (4,)
     speed: float  # requested forward speed, smoothed [m/s]
     frequency: float  # requested stride frequency, smoothed [Hz]

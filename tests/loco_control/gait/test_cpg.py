@@ -23,7 +23,7 @@ def run(duration, pattern="trot", gait=GAIT, state=None, substeps=20, **shape):
     vector = np.array(list({**values, **shape}.values()))
     foot, states, feet, phases = np.zeros((4, 3)), [], [], []
     for _ in range(round(duration / DT)):
-        cpg.advance(state, foot, gait, *coupling, vector, DT, substeps, CENTRE)
+        cpg.advance(state, foot, gait, *coupling, vector, DT, substeps, CENTRE, np.zeros(2))
         states.append(state.copy())
         feet.append(foot.copy())
         phases.append(cpg.stride_phase(state, gait[cpg.DUTY]))
@@ -147,7 +147,7 @@ def test_speed_of_the_foot_is_limited():
     foot = np.array([[5.0, 0.0, 0.0]] * 4)
     coupling = cpg.coupling_matrices(np.array(PATTERNS["trot"]))
     state = np.array([[0.0, 1.0]] * 4)
-    velocity = cpg.advance(state, foot, GAIT, *coupling, SHAPE, DT, 1, CENTRE)
+    velocity = cpg.advance(state, foot, GAIT, *coupling, SHAPE, DT, 1, CENTRE, np.zeros(2))
     np.testing.assert_array_equal(velocity[:, 0], -cpg.MAX_FOOT_SPEED)
 
 

@@ -63,7 +63,7 @@ def test_every_unit_of_the_scaled_sections_is_known_or_has_no_size():
     units = {
         f.metadata["unit"] for cls in (GaitParams, TrunkParams) for f in dataclasses.fields(cls)
     }
-    assert units - set(POWERS) == {"-", "m/s²"}
+    assert units - set(POWERS) == {"-", "m/s²", "rad"}
     assert factor("m/s²", Size(0.3, 0.2)) == 1.0
     assert factor("N·m/rad", Size(0.3, 0.2)) == pytest.approx(0.3 * factor("N", Size(0.3, 0.2)))
 

@@ -14,7 +14,9 @@ z > 0 is swing, z < 0 stance; x falls from +1 at touchdown to -1 at lift-off.
 d_ij is the phase by which leg i leads leg j. The foot follows its oscillator
 in swing and leaves it in stance, where it goes back with the speed V of the trunk:
 
-    p' = s(b z) [ c' + k_c (c - p) ] - (1 - s(b z)) (V, 0),   c = (L x / 2, H z)
+    p' = s(b z) [ c' + k_c (c + d - p) ] - (1 - s(b z)) (V, 0),   c = (L x / 2, H z)
+
+d shifts the steps of a push recovery (`recovery`), else 0.
 
 The trunk may walk sideways and turn too: V is then the velocity of the trunk where the foot
 is, v + w x p, forwards and sideways, and each leg steps along its own.
@@ -35,6 +37,7 @@ import numpy as np
 from numba import njit
 
 from ..legs.kinematics import inverse
+from .recovery import turned_back
 
 SPEED, FREQUENCY, DUTY, HEIGHT, LATERAL, YAW = range(6)  # indices into the vector `gait`
 X, Z, Y = range(3)  # columns of a foot path
@@ -81,7 +84,7 @@ def sigmoid(u):
 
 
 @njit(cache=True)
-def advance(state, foot, gait, cosine, sine, shape, dt, substeps, centre):
+def advance(state, foot, gait, cosine, sine, shape, dt, substeps, centre, shift):
     """Advance oscillators and feet by one control period, in place; return the foot velocity.
 
     Args:
@@ -95,6 +98,7 @@ def advance(state, foot, gait, cosine, sine, shape, dt, substeps, centre):
         dt: Control period [s].
         substeps: Euler steps per period.
         centre: Foot centres in the base frame [m], (4, 3).
+        shift: Shift of the swing feet forwards and to the left [m], (2,).
     """
     gain, alpha, sharp, skew, pull = shape[0], shape[1], shape[2], shape[3], shape[4]
     duty, height, h = gait[DUTY], gait[HEIGHT], dt / substeps
@@ -117,9 +121,10 @@ def advance(state, foot, gait, cosine, sine, shape, dt, substeps, centre):
             forward_speed = gait[SPEED] - gait[YAW] * (centre[leg, 1] + foot[leg, Y])
             left = gait[LATERAL] + gait[YAW] * (centre[leg, 0] + foot[leg, X])
             d_foot[leg, Z] = up * v_z
-            for axis, speed in ((X, forward_speed), (Y, left)):
+            for axis, speed, moved in ((X, forward_speed, shift[0]), (Y, left, shift[1])):
                 half_step = 0.5 * speed * duty / gait[FREQUENCY]
-                swing = half_step * d_state[leg, 0] + pull * (half_step * x - foot[leg, axis])
+                ahead = half_step * x + moved - foot[leg, axis]
+                swing = half_step * d_state[leg, 0] + pull * ahead
                 d_foot[leg, axis] = up * swing - (1.0 - up) * speed
             for axis in range(3):
                 d_foot[leg, axis] = min(max(d_foot[leg, axis], -MAX_FOOT_SPEED), MAX_FOOT_SPEED)
@@ -151,13 +156,17 @@ def smooth(gait, halfway, target_gait, blend, moving):
 
 
 @njit(cache=True)
-def target(moving, memory, target_gait, blend, coupling, shape, dt, substeps, centre, legs):
+def target(
+    moving, memory, shift, lean, target_gait, blend, coupling, shape, dt, substeps, centre, legs
+):
     """One control period of the generator: the fields of a `GaitTarget` after its time.
 
     Args:
         moving: Whether the gait has begun; before, the robot stands on its foot centres.
         memory: `state` and `foot` of `advance`, `gait` and `halfway` of `smooth`; all four
             are changed in place.
+        shift: Shift of the steps by a push recovery, as in `advance`.
+        lean: Roll and pitch by which the feet are turned back [rad], (2,).
         target_gait: Requested parameters, as in `smooth`.
         blend: Fraction of the change per period, as in `smooth`.
         coupling: Coupling, from `coupling_matrices`.
@@ -171,13 +180,13 @@ def target(moving, memory, target_gait, blend, coupling, shape, dt, substeps, ce
     feet, velocity, stance = centre.copy(), np.zeros((4, 3)), np.ones(4, dtype=np.bool_)
     smooth(gait, halfway, target_gait, blend, moving)
     if moving:
-        foot_velocity = advance(state, foot, gait, *coupling, shape, dt, substeps, centre)
+        foot_velocity = advance(state, foot, gait, *coupling, shape, dt, substeps, centre, shift)
         for leg in range(4):
             for i, axis in enumerate((0, 2, 1)):  # x, z and y
                 feet[leg, axis] += foot[leg, i]
                 velocity[leg, axis] = foot_velocity[leg, i]
             velocity[leg, 1] += 0.0  # turns -0.0 into 0.0
             stance[leg] = state[leg, 1] <= 0.0
-    q, dq = inverse(feet, velocity, legs)
+    q, dq = inverse(*turned_back(feet, velocity, lean), legs)
     phase = stride_phase(state, gait[DUTY])
     return q, dq, feet, velocity, phase, gait[SPEED], gait[FREQUENCY], stance

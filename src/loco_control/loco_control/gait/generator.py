@@ -26,6 +26,7 @@ PATTERNS = {  # phase of lf rf lh rh when lf touches down [strides]
 # Parameters that may change at run time, in the order of the vector `gait` of `cpg.advance`.
 LIVE = ("speed", "frequency", "duty_factor", "step_height", "lateral_speed", "yaw_rate")
 TWIST = ("speed", "lateral_speed", "yaw_rate")  # components of the trunk's twist
+UPRIGHT = np.array([0.0, 0.0, 0.0, 1.0])  # orientation of a level trunk, x y z w
 HALVINGS = 7  # bisection steps for an unreachable twist; the largest reachable share is met to 1 %
 
 
@@ -54,6 +55,17 @@ class GaitParams(Params):
     swing_skew: float = parameter(1.0, "k_vf, early over late swing speed", low=0.6, high=10.0)
     filter_gain: float = parameter(60.0, "k_c, gain of a swing foot to its oscillator", "1/s", 0.0)
     substeps: int = parameter(20, "integration steps per control period", low=1, high=1000)
+    adjustment: float = parameter(
+        0.0, "kinematic adjustment: share of roll and pitch by which feet turn back", "-", 0.0, 1.0
+    )
+    adjustment_limit: float = parameter(0.35, "largest angle of the adjustment", "rad", 0.0, 1.0)
+    recovery: float = parameter(
+        0.0, "push recovery: share of the way to the capture point", "-", 0.0, 3.0
+    )
+    recovery_limit: float = parameter(
+        0.25, "largest shift of a step by the recovery", "m", 0.0, 1.0
+    )
+    recovery_lag: float = parameter(0.05, "lag of the velocity for the recovery", "s", low=0.0)
     schedule: list[dict[str, float]] | None = parameter(
         None,
         "list of {time, speed?, frequency?, duty_factor?, step_height?, lateral_speed?, "
@@ -129,23 +141,27 @@ class TargetGenerator:
     def __init__(self, params: GaitParams, dt: float, legs: np.ndarray | None = None):
         # Kernels are imported here so that reading an experiment does not load numba.
         from ..legs import kinematics
-        from . import cpg
+        from . import cpg, recovery
 
         self.params, self.dt = params, float(dt)
-        self._cpg, self._kinematics = cpg, kinematics
+        self._cpg, self._kinematics, self._recovery = cpg, kinematics, recovery
         self._legs = HYQ if legs is None else legs
         self._centre = foot_centres(params.origin, self._legs)
         self.standing = standing_pose(params.origin, self._legs)
         self._offsets = np.array(PATTERNS[params.pattern])
         self._schedule = self._planned(params)
-        blend = 1.0 - np.exp(-dt / params.smoothing) if params.smoothing > 0.0 else 1.0
+        blend, self._blend = (
+            1.0 - np.exp(-dt / lag) if lag > 0.0 else 1.0
+            for lag in (params.smoothing, params.recovery_lag)
+        )  # fmt: skip
         shape = np.array([getattr(params, name) for name in cpg.SHAPE])
         self._constants = (
             *(float(blend), cpg.coupling_matrices(self._offsets), shape, self.dt, params.substeps),
             *(self._centre, self._legs),
         )
         self.reset()
-        self._target(moving=True)  # compile now, not in the first tick
+        at_rest = (self.standing, np.zeros(12), UPRIGHT, np.zeros(3), np.ones(4, dtype=bool))
+        self._target(True, *self._answers(*at_rest))  # compile now, not in the first tick
         self.reset()
 
     def reset(self) -> None:
@@ -155,6 +171,7 @@ class TargetGenerator:
         self._wanted = self._vector(self._goal)
         gait = self._wanted.copy()
         gait[[self._cpg.SPEED, self._cpg.LATERAL, self._cpg.YAW]] = 0.0
+        self._error, self._stance = np.zeros(2), np.ones(4, dtype=bool)
         self._memory = (self._cpg.seed_state(self._offsets), np.zeros((4, 3)), gait, gait.copy())
 
     def set(self, **changes: float) -> None:
@@ -209,10 +226,39 @@ class TargetGenerator:
         while self._changes and state.t >= self._changes[0][0] - 0.5 * self.dt:
             self.set(**self._changes.pop(0)[1])
         moving = state.t >= self.params.start_time - 0.5 * self.dt
-        return GaitTarget(state.tick, state.t, *self._target(moving))
+        answers = (np.zeros(2), np.zeros(2))
+        if moving:
+            sensed = (state.q, state.dq, state.orientation, state.angular_velocity)
+            answers = self._answers(*sensed, self._stance & state.contact)
+        target = GaitTarget(state.tick, state.t, *self._target(moving, *answers))
+        self._stance = target.stance
+        return target
 
-    def _target(self, moving: bool) -> tuple:
-        return self._cpg.target(moving, self._memory, self._wanted, *self._constants)
+    def _answers(
+        self,
+        q: np.ndarray,
+        dq: np.ndarray,
+        orientation: np.ndarray,
+        angular_velocity: np.ndarray,
+        standing: np.ndarray,
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Shift of the steps [m] and angles of the feet [rad], (2,) each; 0 if switched off."""
+        p, shift, lean = self.params, np.zeros(2), np.zeros(2)
+        if p.adjustment > 0.0:
+            lean = self._recovery.lean_of(orientation, p.adjustment, p.adjustment_limit)
+        if p.recovery > 0.0:
+            if standing.any():  # else the last velocity remains
+                velocity = self._recovery.trunk_velocity(
+                    q, dq, orientation, angular_velocity, standing, self._legs
+                )
+                requested = self._memory[2][[self._cpg.SPEED, self._cpg.LATERAL]]
+                self._error += self._blend * (velocity - requested - self._error)
+            height = -self._centre[:, 2].mean()
+            shift = self._recovery.step_shift(self._error, height, p.recovery, p.recovery_limit)
+        return shift, lean
+
+    def _target(self, moving: bool, shift: np.ndarray, lean: np.ndarray) -> tuple:
+        return self._cpg.target(moving, self._memory, shift, lean, self._wanted, *self._constants)
 
     def _planned(self, params: GaitParams) -> list[tuple[float, dict[str, float]]]:
         """Times and changes of the schedule in order; raises if a step is out of reach."""
