@@ -12,6 +12,7 @@ import pytest
 
 from loco_control.exceptions import LocoError, MissingFileError, NameUnknownError, ParameterError
 from loco_learning.drawing import png
+from loco_learning.runs import experiment as experiments
 from loco_learning.runs.experiment import override
 from loco_learning.study import figures, study
 from loco_learning.study.case import Case, run_case
@@ -198,7 +199,8 @@ def test_a_study_changes_keys_of_another(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("base", "message"), [("other.yaml", "extends itself"), ("[1]", "must be the name of another study")]
+    ("base", "message"),
+    [("other.yaml", "extends itself"), ("[1]", "must be the name of another study")],
 )
 def test_a_study_that_extends_itself_or_no_study_is_refused(tmp_path, base, message):
     other = tmp_path / "other.yaml"
@@ -217,3 +219,43 @@ def test_much_damping_of_a_trot_shakes_it_down_only_if_it_is_held(engine):
     cases = [Case(name, 0, override(base, short)) for name, base in held.variants.items()]
     survived = {case.variant: run_case(case, curves=False).verdict["survived"] for case in cases}
     assert survived == {"continuous": True, "held": False}
+
+
+def test_variants_of_another_robot_have_its_defaults(quadruped, tmp_path):
+    other = tmp_path / "other.yaml"
+    robot = str(quadruped("a1"))
+    other.write_text(f"extends: hyq_pushes\noverrides: {{robot: {robot}}}\n", encoding="utf-8")
+    variant = load(str(other)).variants["both"]
+    assert variant.gait.origin == experiments.load("hyq_trot_open", {"robot": robot}).gait.origin
+    assert variant.gait.recovery == 1.0  # what the variant sets stays
+
+
+@pytest.fixture(scope="module")
+def pushed():
+    """Pushes of 100 N·s to the side, at one phase of the stride, and their study."""
+    made = load("hyq_pushes")
+    point = (made.axes[0].values.index(500.0), 0)
+    named = ("open", "recovery")
+    bases = {name: override(made.variants[name], {"sim.engine": "mujoco"}) for name in named}
+    cases = [Case(name, 0, base, made.axes, point) for name, base in bases.items()]
+    return made, [run_case(case, curves=False) for case in cases]
+
+
+def test_hyq_survives_a_push_only_with_push_recovery(pushed):
+    assert [case.verdict["survived"] for case in pushed[1]] == [False, True]
+
+
+def test_table_of_a_grid_has_shares_with_their_intervals(pushed):
+    made, (fell, stood) = pushed
+    copies = [dataclasses.replace(case, variant="open") for case in (fell, stood, stood)]
+    (row,) = figures.survivors(made, copies)
+    assert row["500"] == "2 of 3 (0.14 to 0.98)" and row["250"] == "-"
+    assert row["500"] in figures.markdown(made, copies)
+
+
+def test_survival_is_drawn_once_if_only_falls_count(pushed):
+    made, cases = pushed
+    assert len(figures.survival(made, cases).frames) == 1
+    slipped = {**cases[1].verdict, "survived": False}
+    other = [cases[0], dataclasses.replace(cases[1], verdict=slipped)]
+    assert len(figures.survival(made, other).frames) == 2

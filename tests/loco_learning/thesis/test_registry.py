@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from loco_control.exceptions import NameUnknownError, ParameterError
+from loco_learning.study.trial import share_interval
 from loco_learning.thesis import chapter5, chapter6, chapter7, chapter8, evidence, registry
 from loco_learning.thesis.evidence import Entry, Evidence
 from loco_learning.thesis.registry import AGREES, DISAGREES, HOLDS, MEASURES, OPEN, ROBOT, Bound
@@ -192,9 +193,9 @@ def test_an_interval_of_the_median_has_the_coverage_it_says():
 
 def test_an_interval_of_a_share_is_that_of_clopper_and_pearson():
     """Limits at which 6 of 6, and 0 of 6, have a probability of 5 %."""
-    low, high = registry.share_interval(np.ones(6))
+    low, high = share_interval(np.ones(6))
     assert low**6 == pytest.approx(0.05) and high == 1.0
-    low, high = registry.share_interval(np.zeros(6))
+    low, high = share_interval(np.zeros(6))
     assert low == 0.0 and (1.0 - high) ** 6 == pytest.approx(0.05)
 
 

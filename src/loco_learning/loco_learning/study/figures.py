@@ -18,6 +18,7 @@ from ..drawing.chart import DASHED, GREY, LINE, PALETTE, Axis, Chart, Frame, Lay
 from ..metrics.registry import METRICS
 from ..params import OPEN, PHASES
 from .case import CaseResult
+from .trial import CONFIDENCE, share_interval
 
 BLACK = "#222222"
 COLOURS = {"pse": "#009e73", "rse": "#d55e00", "open": "#0072b2"}
@@ -141,11 +142,16 @@ def joint_traces(study: Any, results: Sequence[CaseResult]) -> Chart:
 
 
 def survival(study: Any, results: Sequence[CaseResult]) -> Chart:
-    """Share of trials that do not fall, and that keep the gait, over the first axis of a grid."""
+    """Share of trials that do not fall, and that keep the gait, over the first axis of a grid.
+
+    Vertical lines are the intervals of `share_interval`.
+    """
     whats = {
         "does not fall": lambda case: not case.verdict["fall"],
         "keeps the gait (no criterion fails)": lambda case: case.verdict["survived"],
     }
+    if all(len({holds(case) for holds in whats.values()}) == 1 for case in results):
+        whats.popitem()  # only falls count: one frame says it
     axis, label = next(((a.name, a.label) for a in study.axes), ("seed", "seed [-]"))
     frames = []
     for title, holds in whats.items():
@@ -155,8 +161,12 @@ def survival(study: Any, results: Sequence[CaseResult]) -> Chart:
             values = np.array([holds(case) for case in cases], dtype=float)
             positions = np.unique(at)
             shares = [values[at == place].mean() for place in positions]
-            layers += [line(variant, positions, shares, _colour(variant, i)),
-                       dots(variant, positions, shares, _colour(variant, i))]  # fmt: skip
+            colour = _colour(variant, i)
+            layers += [line(variant, positions, shares, colour),
+                       dots(variant, positions, shares, colour)]  # fmt: skip
+            for place in positions:
+                interval = share_interval(values[at == place])
+                layers.append(line(variant, [place, place], interval, colour, size=0.8))
         axes = Axis(label), Axis("share of trials [-]", limits=(-0.05, 1.05))
         frames.append(Frame(*axes, layers, title))
     return Chart(frames)
@@ -287,6 +297,10 @@ def markdown(study: Any, results: Sequence[CaseResult]) -> str:
     """Summary per variant, then one row per case, in Markdown."""
     parts = [f"# {study.name}", "", study.description, "", "## Failures by criterion", ""]
     parts += _table(summary(results))
+    for axis in study.axes[:1]:
+        parts += ["", f"## Trials that survive, over {axis.label}", "",
+                  f"Interval of the share at {CONFIDENCE:.0%} in brackets.", ""]  # fmt: skip
+        parts += _table(survivors(study, results))
     if not study.axes:  # the cases of a grid are in cases.csv only
         parts += ["", f"## Cases (metrics of the phase {study.phase!r})", ""]
         parts += _table(rows(study, results))
@@ -304,6 +318,20 @@ def summary(results: Sequence[CaseResult]) -> list[dict[str, Any]]:
         for name in ("frequency", "lag"):
             values = [case.verdict[name] for case in cases]
             row[f"{name} mean"], row[f"{name} std"] = np.mean(values), np.std(values)
+        lines.append(row)
+    return lines
+
+
+def survivors(study: Any, results: Sequence[CaseResult]) -> list[dict[str, Any]]:
+    """One mapping per variant: survivors, trials and interval at each value of the first axis."""
+    axis, lines = study.axes[0], []
+    for variant, cases in _variants(results).items():
+        row = {"variant": variant}
+        for value in axis.values:
+            alive = [case.verdict["survived"] for case in cases if case.at[axis.name] == value]
+            low, high = share_interval(np.array(alive))
+            told = f"{sum(alive)} of {len(alive)} ({low:.2f} to {high:.2f})" if alive else "-"
+            row[f"{value:.4g}" if isinstance(value, float) else str(value)] = told
         lines.append(row)
     return lines
 

@@ -231,7 +231,7 @@ def _variant(path: Path, name: str, spec: Any, changes: dict[str, Any]) -> Exper
             f"{path.stem}.variants.{name}: a study runs robots; "
             f"{base} is of masses and springs, whose studies are `loco reproduce msd`"
         )
-    return override(experiment, {**changes_of_variant, **changes})
+    return experiments.load(base, {**changes_of_variant, **changes})  # defaults follow its robot
 
 
 def _seeds(path: Path, seeds: Any) -> tuple[int, ...]:

@@ -13,6 +13,7 @@ from ..params import CriterionParams
 from ..reflex.schedule import CLOSING
 from ..runs.log import Log
 
+CONFIDENCE = 0.9  # of intervals of shares and medians [-]
 TAIL = 10.0  # frequency and lag are reported for the last seconds of a run [s]
 
 
@@ -100,3 +101,13 @@ def _numbers(log: Log, course: Course) -> dict[str, float]:
         "frequency": signals.stride_frequency(prediction, log.dt),
         "target_frequency": signals.stride_frequency(target, log.dt),
     }
+
+
+def share_interval(values: np.ndarray) -> tuple[float, float]:
+    """Interval of a share at `CONFIDENCE` (Clopper and Pearson), from values 0 or 1, (n,)."""
+    from scipy.stats import beta  # takes long to import
+
+    hits, count, tail = int(np.sum(values)), len(values), (1.0 - CONFIDENCE) / 2.0
+    low = float(beta.ppf(tail, hits, count - hits + 1)) if hits else 0.0
+    high = float(beta.ppf(1.0 - tail, hits + 1, count - hits)) if hits < count else 1.0
+    return low, high

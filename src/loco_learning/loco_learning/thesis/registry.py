@@ -28,18 +28,18 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from scipy.stats import beta, binom
+from scipy.stats import binom
 
 from loco_control.exceptions import LocoError, NameUnknownError, ParameterError
 from loco_control.reading import shown
 
 from ..plain import read_yaml
 from ..study.grid import ranges
+from ..study.trial import CONFIDENCE, share_interval
 
 AGREES, DISAGREES, OPEN = "agrees", "disagrees", "open"
 HOLDS, ROBOT = "holds by construction", "cannot be judged without the robot"
 VERDICTS = (AGREES, DISAGREES, OPEN, HOLDS, ROBOT)
-CONFIDENCE = 0.9
 LEAST_RUNS = 5  # fewest runs whose range is an interval of the median at `CONFIDENCE`
 Numbers = Mapping[str, float | np.ndarray]
 MEASURES: dict[str, Callable[[Any], Numbers]] = {}
@@ -240,14 +240,6 @@ def median_interval(values: np.ndarray) -> tuple[float, float]:
         return math.nan, math.nan
     ordered = np.sort(values)
     return float(ordered[rank - 1]), float(ordered[-rank])
-
-
-def share_interval(values: np.ndarray) -> tuple[float, float]:
-    """Interval of a share at `CONFIDENCE` (Clopper and Pearson), from values 0 or 1."""
-    hits, count, tail = int(np.sum(values)), len(values), (1.0 - CONFIDENCE) / 2.0
-    low = float(beta.ppf(tail, hits, count - hits + 1)) if hits else 0.0
-    high = float(beta.ppf(1.0 - tail, hits + 1, count - hits)) if hits < count else 1.0
-    return low, high
 
 
 def _range(values: np.ndarray) -> tuple[float, float]:
