@@ -127,7 +127,7 @@ def _checked(owner: str, f: dataclasses.Field, value: Any) -> Any:
     """Value of a field, converted to the type of its default; raises ParameterError if illegal."""
     factory = f.metadata.get("factory", lambda: None)
     default = f.default if f.default is not dataclasses.MISSING else factory()
-    if default is None or dataclasses.is_dataclass(value):
+    if value is default or default is None or dataclasses.is_dataclass(value):
         return value
     name = f"{owner}.{f.name}"
     if isinstance(default, tuple):
@@ -168,7 +168,9 @@ def _scalar(name: str, default: Any, value: Any, meta: Any) -> Any:
         low = "-inf" if low is None else f"{low:g}"
         high = "inf" if high is None else f"{high:g}"
         finite = " and finite" if infinite else ""
-        raise ParameterError(f"{name} must be in [{low}, {high}] {unit}{finite}, got {shown(value)}")
+        raise ParameterError(
+            f"{name} must be in [{low}, {high}] {unit}{finite}, got {shown(value)}"
+        )
     if isinstance(default, int):
         if value != int(value) or abs(value) >= 2**63:  # larger integers do not fit into arrays
             raise ParameterError(f"{name} must be a whole number below 2**63, got {shown(value)}")

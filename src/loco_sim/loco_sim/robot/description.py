@@ -414,7 +414,7 @@ class Description:
         are removed: contacts are defined in ``robot.yaml``, and friction anchors would hold
         feet back.
         """
-        root = copy.deepcopy(self._root)
+        root = copy.deepcopy(self._root) if folder else self._root
         for link in root.findall("link") if folder else ():
             for part in [*link.findall("contact"), *([] if drawn else link.findall("visual"))]:
                 link.remove(part)

@@ -11,7 +11,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from fnmatch import fnmatchcase
-from functools import lru_cache
+from functools import cache, lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -171,9 +171,14 @@ class Robot:
         return swings[self.foot_of].astype(float)
 
 
+@cache
+def _shipped() -> tuple[str, ...]:
+    return tuple(sorted(p.parent.name for p in ASSETS.glob("*/robot.yaml")))
+
+
 def names() -> list[str]:
     """Names of the robots included in the package."""
-    return sorted(p.parent.name for p in ASSETS.glob("*/robot.yaml"))
+    return list(_shipped())
 
 
 def is_name(name_or_path: str) -> bool:

@@ -142,6 +142,22 @@ def test_a_stop_and_a_weak_drive_are_fitted_together(servo):
         assert together.loose[name] == pytest.approx(value, rel=0.01)
 
 
+def test_a_model_that_is_polished_gets_its_robot_fitted_once(servo, monkeypatch):
+    """Together with the effects; before this, values were sought after each refit as well."""
+    stop = {"name": "end_stop", "joint": "pivot", "angle": 0.55, "stiffness": 0.5, "damping": 0.03}
+    case = servo([stop])
+    offered = offer(case.forward.robot(0), case.signals, Hints(np.full(1, -0.9), np.full(1, 0.9)))
+    (hypothesis,) = [h for h in offered if h.effect == "end_stop" and "above" in h.key]
+    apart = weigh(case, [at(hypothesis, angle=0.5, stiffness=0.4, damping=0.03)], {}, seek=False)
+
+    def never(*args):
+        raise AssertionError("sought apart from the effects")
+
+    monkeypatch.setattr(Case, "_sought", never)
+    found = polish(case, apart, setting())
+    assert found.fit_rms < 1.1 < apart.fit_rms
+
+
 def test_each_value_is_changed_only_where_straight_lines_lead_nowhere(servo, monkeypatch):
     """A cost of nothing is one that no fit reaches: there each value is changed in a simulation."""
     stop = {"name": "end_stop", "joint": "pivot", "angle": 0.55, "stiffness": 0.5, "damping": 0.03}

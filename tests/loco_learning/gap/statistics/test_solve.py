@@ -49,6 +49,26 @@ def test_slopes_that_are_about_right_stand_in_for_differences(wrong):
     assert found.evaluations <= 11  # fewer than differences alone would take
 
 
+def test_a_quick_residual_is_used_for_differences_alone():
+    """It is off by a constant and a tenth of the slope; the minimum is that of the exact one."""
+    rng = np.random.default_rng(5)
+    a, truth = rng.normal(size=(100, 4)), rng.normal(size=4)
+    calls = {"exact": 0, "quick": 0}
+
+    def exact(z):
+        calls["exact"] += 1
+        return 10.0 * a @ (z - truth)
+
+    def quick(z):
+        calls["quick"] += 1
+        return 11.0 * a @ (z - truth) + 3.0
+
+    found = minimise(exact, np.zeros(4), (np.full(4, -5.0), np.full(4, 5.0)), 0.1, 60, None, quick)
+    assert found.z == pytest.approx(truth, abs=0.02)
+    assert calls["quick"] >= 5  # a reference and a change of each coordinate
+    assert calls["exact"] <= 6 and sum(calls.values()) >= found.evaluations
+
+
 def test_bounds_hold_and_the_rest_is_still_fitted():
     target = np.array([-1.0, 0.5])
     bounds = (np.zeros(2), np.ones(2))

@@ -135,7 +135,7 @@ def refitted(monkeypatch):
             said.update(case=case, evaluations=setting.params.evaluations, free=setting.free)
             return replace(model, fit_rms=found_rms, whole=("found",))
 
-        def weigh(case, parts, overrides):
+        def weigh(case, parts, overrides, seek=True):
             return replace(model, fit_rms=start_rms, whole=("start",))
 
         monkeypatch.setattr(stable, "fit", fit)

@@ -5,8 +5,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from copy import copy
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
@@ -180,6 +181,15 @@ class Problem:
         pulled = self.case.pulled(specs_of(parts), overrides, self.only, self.coarse)
         return self.line(z, *pulled)
 
+    @property
+    def quick(self) -> Problem | None:
+        """The problem with the larger steps of the model, if its Jacobian is nearly the same."""
+        if self.coarse or not self.case.quickly(specs_of(self.parts)):
+            return None
+        other = copy(self)
+        other.coarse = True
+        return other
+
     def line(self, z: np.ndarray, residual: np.ndarray, by: np.ndarray) -> np.ndarray:
         """As `__call__`, from residuals and deviations of the refitted values (`Case.pulled`)."""
         parts, overrides = self.split(z)
@@ -291,7 +301,8 @@ def fit(case: Case, parts: Parts, setting: Setting, seek: bool = True) -> Fitted
     z, cost = problem.start, 0.0
     if len(z):
         limit = params.evaluations + 5 * (len(z) - 1)
-        solution = minimise(problem, problem.start, problem.bounds, JACOBIAN_STEP, limit)
+        bounds, quick = problem.bounds, problem.quick
+        solution = minimise(problem, problem.start, bounds, JACOBIAN_STEP, limit, None, quick)
         z, cost = solution.z, solution.cost
     parts, overrides = problem.split(z)
     return weigh(case, parts, overrides, cost, seek=seek)
@@ -320,14 +331,15 @@ def polish(case: Case, model: Fitted, setting: Setting) -> Fitted:
     if not model.parts and not model.overrides:
         return model
     exact, params = case.corrected(model.specs, model.overrides), setting.params
+    candidate = model  # values of the robot are fitted by simulation at the end alone
     if exact is not case:
         reduced = params.replace(evaluations=max(4, params.evaluations // 2))
         free = model.overrides or setting.free
-        refit = fit(exact, model.parts, replace(setting, params=reduced, free=free))
-        model = min((refit, model), key=_left)
+        refit = fit(exact, model.parts, replace(setting, params=reduced, free=free), seek=False)
+        candidate = min((refit, candidate), key=_promised)
     for search in (beyond, to_minimum):  # with refitted values linearised, which may mislead
-        model = min((model, search(exact, model, setting)), key=_left)
-    return jointly(exact, model, setting)
+        candidate = min((candidate, search(exact, candidate, setting)), key=_promised)
+    return min((model, jointly(exact, candidate, setting)), key=_left)
 
 
 def to_minimum(case: Case, model: Fitted, setting: Setting) -> Fitted:
@@ -341,10 +353,11 @@ def to_minimum(case: Case, model: Fitted, setting: Setting) -> Fitted:
     if not strides:
         return model
     budgets = params.beyond, params.evaluations + 5 * (len(problem.start) - 1)
-    solution = lowest(problem, problem.start, problem.bounds, JACOBIAN_STEP, strides, budgets)
+    terms = problem.bounds, JACOBIAN_STEP, strides, budgets, problem.quick
+    solution = lowest(problem, problem.start, *terms)
     if np.array_equal(solution.z, problem.start):
         return model
-    return weigh(case, *problem.split(solution.z), solution.cost)
+    return weigh(case, *problem.split(solution.z), solution.cost, seek=False)
 
 
 def _halves(problem: Problem) -> list[tuple[int, float]]:
@@ -374,18 +387,20 @@ def jointly(case: Case, model: Fitted, setting: Setting) -> Fitted:
     def promise(z: np.ndarray) -> np.ndarray:
         return problem.line(problem.start, *case.flat(*extrapolate(DEVIATIONS * z), case.fitted))
 
-    def residual(z: np.ndarray) -> np.ndarray:
-        problem.case = case.at(DEVIATIONS * z[:count])
-        return problem(z[count:])
+    def residual(z: np.ndarray, of: Problem = problem) -> np.ndarray:
+        of.case = case.at(DEVIATIONS * z[:count])
+        return of(z[count:])
 
     r, highest = promise(start), problem.bounds[1]
     robot = differences(promise, start, r, np.full(count, JACOBIAN_STEP), reach[1])
     steps = np.full(len(highest), JACOBIAN_STEP)
-    effects = differences(problem, problem.start, r, steps, highest, np.inf)  # a first guess
+    other = problem.quick or problem
+    effects = differences(other, problem.start, other(problem.start), steps, highest, np.inf)
     bounds = [np.r_[x, y] for x, y in zip(reach, problem.bounds, strict=True)]
     z, slopes = np.r_[start, problem.start], np.hstack([robot, effects])
     budgets = FIRST + len(problem.start), TURNS * len(z) + AGAIN
-    solution = guided(residual, z, bounds, JACOBIAN_STEP, budgets, slopes, model.cost)
+    quick = partial(residual, of=problem.quick) if problem.quick else None
+    solution = guided(residual, z, bounds, JACOBIAN_STEP, budgets, slopes, model.cost, quick)
     parts, overrides = problem.split(solution.z[count:])
     values = case.loose.values(DEVIATIONS * solution.z[:count])
     refit = weigh(case, parts, overrides, solution.cost, known=values)
@@ -425,9 +440,10 @@ def beyond(case: Case, model: Fitted, setting: Setting) -> Fitted:
         return model
     parts, overrides = problem.split(z)
     if case.step_of(specs_of(parts)) == 1.0:
-        return weigh(case, parts, overrides, cost)
+        return weigh(case, parts, overrides, cost, seek=False)
     reduced = replace(setting, params=params.replace(evaluations=AGAIN), free=overrides)
-    return min((model, fit(case, parts, reduced)), key=lambda m: m.fit_rms)
+    found = fit(case, parts, reduced, seek=False)
+    return min((model, found), key=lambda m: m.fit_rms * math.sqrt(m.hope))
 
 
 def _strides(problem: Problem) -> list[tuple[int, float]]:
@@ -449,6 +465,11 @@ def _left(model: Fitted) -> float:
     return model.fit_rms * model.held.rms
 
 
+def _promised(model: Fitted) -> float:
+    """As `_left`, after a fit of the robot's values by simulation that keeps its promise."""
+    return model.hope * _left(model)
+
+
 def weigh(
     case: Case,
     parts: Parts,
@@ -460,7 +481,7 @@ def weigh(
 ) -> Fitted:
     """Residuals of a model on all data; with `given`, nothing of the user's model is refitted.
 
-    `known` holds initial guesses of the uncertain values of the robot, which are refitted.
+    `known` holds uncertain values of the robot that were fitted together with the effects.
     """
     specs = specs_of(parts)
     basis = case.kept() if given else case

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
@@ -170,7 +170,7 @@ class Case:
         Args:
             specs: Effects of the model.
             overrides: Values of the robot in the model.
-            known: Further initial guess of the uncertain values.
+            known: Uncertain values that were fitted by simulation before; no others are sought.
             seek: Whether values are fitted by simulation where that is needed.
 
         Returns:
@@ -189,11 +189,11 @@ class Case:
                 if known:
                     starts.append(self._fixed(specs, overrides, self.loose.deviations(known)))
                 left, by = min(starts, key=lambda each: self._cost(*each))
-                if seek:
+                if seek and not known:
                     found = self._sought(specs, overrides, by[0], promised)
                     if self._cost(*found) < self._cost(left, by) - FEW:
                         left, by = found
-                else:
+                elif not known:
                     hope = min(1.0, promised / max(self._cost(left, by), 1e-9))
         stays = self.loose is None or self.loose.held
         values = {} if stays else self.loose.values(by[0])
@@ -255,18 +255,19 @@ class Case:
         The first steps use the linearisation. The sensitivity to each value is simulated only if
         the cost does not fall as the linearisation predicts.
         """
-        every, (low, high) = list(range(len(self.records))), self.loose.reach
-        told = self.at(start).extrapolated(specs, overrides, every)
+        fitted, (low, high) = self.fitted, self.loose.reach
+        told = self.at(start).extrapolated(specs, overrides, fitted)
 
         def promise(at: np.ndarray) -> np.ndarray:
-            return self._line(*told(at))
+            return self._line(*told(at), fitted)
 
-        def residual(at: np.ndarray) -> np.ndarray:
-            return self._line(*self._fixed(specs, overrides, at))
+        def residual(at: np.ndarray, coarse: bool = False) -> np.ndarray:
+            return self._line(*self.at(at)._refitted(specs, overrides, fitted, coarse), fitted)
 
         slopes = differences(promise, start, promise(start), np.full(len(start), loose.PART), high)
         budgets = FIRST, ROUNDS * (len(start) + 1)
-        found = guided(residual, start, (low, high), loose.PART, budgets, slopes, promised)
+        quick = partial(residual, coarse=True) if self.quickly(specs) else None
+        found = guided(residual, start, (low, high), loose.PART, budgets, slopes, promised, quick)
         return self._fixed(specs, overrides, found.z)
 
     def extrapolated(
@@ -354,6 +355,14 @@ class Case:
     def step_of(self, specs: Sequence[Mapping]) -> float:
         """Ratio of the physics step to the model's: `fine` for runs without the physics engine."""
         return 1.0 if any(pull is None for _, pull in pulls.of(from_list(specs))) else self.fine
+
+    def quickly(self, specs: Sequence[Mapping]) -> bool:
+        """True if the larger steps of the model give nearly the same Jacobian.
+
+        They do not where a joint sticks or hits a stop.
+        """
+        smooth = all(EFFECTS[spec["name"]].identity.smooth for spec in specs)
+        return smooth and self.step_of(specs) < 1.0
 
     def corrected(self, specs: Sequence[Mapping], overrides: Mapping[str, Any]) -> Case:
         """The case with the step error of another model; itself if the change is negligible."""

@@ -24,6 +24,8 @@ STEADY = 0.5  # share of the change that a narrower difference leaves; above, th
 PROMISING = 10.0  # predicted decrease, over a small one, at which a small one is no end (taste)
 FIRST = 24  # simulations with a given Jacobian alone (taste)
 
+Residual = Callable[[np.ndarray], np.ndarray]
+
 
 @dataclass
 class Solution:
@@ -49,12 +51,13 @@ def soft(residual: np.ndarray, scale: float) -> np.ndarray:
 
 
 def minimise(
-    fun: Callable[[np.ndarray], np.ndarray],
+    fun: Residual,
     z: np.ndarray,
     bounds: tuple[np.ndarray, np.ndarray],
     step: float,
     budget: int,
     jacobian: np.ndarray | None = None,
+    quick: Residual | None = None,
 ) -> Solution:
     """Bounded least squares from initial coordinates.
 
@@ -65,19 +68,22 @@ def minimise(
         step: Finite difference for the Jacobian, in units of the coordinates.
         budget: Largest number of simulations.
         jacobian: Approximate Jacobian at the start, (N, P); by default finite differences.
+        quick: Residual that is quicker to compute and has nearly the same Jacobian, for finite
+            differences.
     """
-    search = _Search(fun, bounds, step)
+    search = _Search(fun, bounds, step, quick)
     return search.run(np.clip(z, *bounds), budget, jacobian)
 
 
 def guided(
-    fun: Callable[[np.ndarray], np.ndarray],
+    fun: Residual,
     z: np.ndarray,
     bounds: tuple[np.ndarray, np.ndarray],
     step: float,
     budgets: tuple[int, int],
     slopes: np.ndarray,
     promised: float,
+    quick: Residual | None = None,
 ) -> Solution:
     """Least squares with an approximate Jacobian; by finite differences if it does not suffice.
 
@@ -89,18 +95,22 @@ def guided(
         budgets: Largest numbers of simulations with `slopes`, and by differences.
         slopes: Approximate Jacobian at the start, (N, P).
         promised: Cost at which the first part is accepted.
+        quick: Residual for finite differences that is quicker to compute.
     """
-    found = minimise(fun, z, bounds, step, budgets[0], slopes)
-    return found if found.cost <= promised else minimise(fun, found.z, bounds, step, budgets[1])
+    found = minimise(fun, z, bounds, step, budgets[0], slopes, quick)
+    if found.cost <= promised:
+        return found
+    return minimise(fun, found.z, bounds, step, budgets[1], None, quick)
 
 
 def lowest(
-    fun: Callable[[np.ndarray], np.ndarray],
+    fun: Residual,
     z: np.ndarray,
     bounds: tuple[np.ndarray, np.ndarray],
     step: float,
     strides: Sequence[tuple[int, float]],
     budgets: tuple[int, int],
+    quick: Residual | None = None,
 ) -> Solution:
     """Least squares to a minimum from which no stride along one coordinate leads lower.
 
@@ -111,10 +121,11 @@ def lowest(
         step: Finite difference for the Jacobian, in units of the coordinates.
         strides: Indices of coordinates and lengths of the strides, taken both ways.
         budgets: Largest numbers of simulations in all, and of each fit.
+        quick: Residual for finite differences that is quicker to compute.
     """
     count = 0
     while True:
-        solution = minimise(fun, z, bounds, step, budgets[1])
+        solution = minimise(fun, z, bounds, step, budgets[1], None, quick)
         count, z, cost = count + solution.evaluations, solution.z, solution.cost
         for i, stride in strides if count < budgets[0] else ():
             for move in (stride, -stride):
@@ -128,7 +139,7 @@ def lowest(
 
 
 def differences(
-    fun: Callable[[np.ndarray], np.ndarray],
+    fun: Residual,
     z: np.ndarray,
     r: np.ndarray,
     steps: np.ndarray,
@@ -167,20 +178,27 @@ def differences(
 class _Search:
     """Levenberg-Marquardt iteration and its count of simulations."""
 
-    def __init__(self, fun: Callable, bounds: tuple, step: float):
-        self.fun, self.bounds, self.count = fun, bounds, 0
+    def __init__(self, fun: Residual, bounds: tuple, step: float, quick: Residual | None):
+        self.fun, self.quick, self.bounds, self.count = fun, quick, bounds, 0
         self.steps, self.target = np.full(len(bounds[0]), step), WIDE
 
     def at(self, z: np.ndarray) -> np.ndarray:
         self.count += 1
         return self.fun(z)
 
+    def slopes(self, z: np.ndarray, r: np.ndarray) -> np.ndarray:
+        """Jacobian at `z`, where the residual is `r`, by finite differences."""
+        fun = self.quick or self.at
+        if self.quick:
+            r, self.count = fun(z), self.count + 1 + len(z)
+        return differences(fun, z, r, self.steps, self.bounds[1], self.target)
+
     def run(self, z: np.ndarray, budget: int, jacobian: np.ndarray | None = None) -> Solution:
         r = self.at(z)
         given = jacobian is not None
         cost, damping, fresh = 0.5 * float(r @ r), 1e-3, not given
         if not given:
-            jacobian = differences(self.at, z, r, self.steps, self.bounds[1], self.target)
+            jacobian = self.slopes(z, r)
         while self.count < budget:
             dz = self.move(z, jacobian, r, damping)
             model = r + jacobian @ dz
@@ -215,7 +233,7 @@ class _Search:
             if self.count + len(z) >= budget:
                 break
             self.steps = np.maximum(0.3 * self.steps, np.minimum(self.steps, 0.03))
-            jacobian = differences(self.at, z, r, self.steps, self.bounds[1], self.target)
+            jacobian = self.slopes(z, r)
             fresh = True
         return Solution(z, cost, jacobian, self.count)
 

@@ -66,7 +66,7 @@ def again(case: Case, model: Fitted, judging: int, setting: Setting) -> tuple[np
     case = replace(case, fit_rows=fitted, held_rows=[~rows for rows in fitted])
     reduced = setting.params.replace(evaluations=max(4, REFIT - 3 * (model.count - 1)))
     refit = fit(case, model.parts, replace(setting, params=reduced, free=model.overrides))
-    start = weigh(case, model.parts, model.overrides)
+    start = weigh(case, model.parts, model.overrides, seek=False)
     return min((start, refit), key=lambda m: m.fit_rms).whole
 
 
