@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from functools import lru_cache
 
 import numpy as np
 
@@ -24,9 +25,7 @@ DITHERS = 16  # draws of dither on each record: a single one doubles the spread 
 TO_DEVIATION = 1.4826  # standard deviation of a normal law over its median absolute value
 RELATIVE = 1e-4  # smallest floor, over the channel's own standard deviation
 EFFORT = 0.02  # the same for a torque: on robots it is an estimate from current or pressure
-BUSIEST_SHARE = (
-    1e-3  # smallest floor of a torque, over the largest deviation of any torque
-)
+BUSIEST_SHARE = 1e-3  # smallest floor of a torque, over the largest deviation of any torque
 
 
 def floor(
@@ -83,7 +82,14 @@ def white(
         orders: Orders of differences; the smallest estimate is returned.
         fewest: Smallest number of differences of an order.
     """
-    dithered = [_dithered(column, step) for column in columns]
+    rows = tuple(np.asarray(column, dtype=float).tobytes() for column in columns)
+    return _lowest(rows, float(step), tuple(orders), fewest)
+
+
+@lru_cache(maxsize=128)
+def _lowest(columns: tuple[bytes, ...], step: float, orders: tuple[int, ...], fewest: int) -> float:
+    """`white` of columns as bytes: trials of a set-up change one joint of many."""
+    dithered = [_dithered(np.frombuffer(column), step) for column in columns]
     found = []
     for order in orders:
         values = [_differences(column, order) for column in dithered]
