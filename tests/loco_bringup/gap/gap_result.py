@@ -41,7 +41,7 @@ def result(verdict="named", **changes):
                 "records": [{"name": "steps", "role": "held-out", "before": 14.2, "after": 1.3}]},
         "where": [{"joint": "pivot", "signal": "q", "phase": "all", "band": "0.5-2 Hz",
                    "share": 0.42, "low": 0.36, "high": 0.49}],
-        "regions": ["pivot, |dq| < 0.3 rad/s: 42 % of the gap"], "alarms": [],
+        "regions": ["pivot, speed < 0.3 rad/s: 42% of its gap in 12% of the time"], "alarms": [],
         "identifiability": {"worst": "torque up with stiffness up", "dead": [],
                             "cosines": [{"a": "torque", "b": "damping", "cosine": 0.81}]},
         "next": [NEXT], "correction": None, "align": ["q is quantised in steps of 0.00506"],

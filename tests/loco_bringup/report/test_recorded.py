@@ -181,6 +181,12 @@ def test_a_pattern_of_a_mapping_names_the_joints_of_a_table(tmp_path):
     assert recorded.values(found, "knee")[2] == pytest.approx(0.1)
 
 
+def test_a_table_whose_names_are_of_no_joint_says_what_to_write(tmp_path):
+    (tmp_path / "a.csv").write_text("t,position\n" + "".join(f"{t},{t}\n" for t in T))
+    with pytest.raises(ParameterError, match="no joint is named in: position. Write a mapping"):
+        read(tmp_path / "a.csv")
+
+
 def test_what_has_no_positions_is_one_line(tmp_path):
     (tmp_path / "a.csv").write_text("t,knee_cmd\n" + "".join(f"{t},{t}\n" for t in T))
     with pytest.raises(BagError, match="a has no measured positions of joints; it has command"):

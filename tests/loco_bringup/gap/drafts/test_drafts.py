@@ -118,6 +118,6 @@ def test_joints_of_a_second_publisher_on_a_topic_are_drafted(tmp_path):
         assert f'column: "position[{joint}]", role: q, joint: {joint}}}' in text
     assert "Also q" not in text
     with pytest.raises(
-        LocoError, match="no joint of the robot .*elbow.* is in: pivot, finger, wrist"
+        LocoError, match="no joint of the robot .*elbow.* is named in: pivot, finger, wrist"
     ):
         terminal.draft(folder, ("elbow",))

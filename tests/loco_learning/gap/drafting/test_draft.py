@@ -96,7 +96,9 @@ def test_turns_are_no_degrees_where_the_velocity_can_tell():
 def test_numbers_in_names_are_those_of_joints_or_their_order(joints, names, expected):
     table = tables.Table(Path("a.csv"), {"t": T, **dict.fromkeys(names, WAVE)})
     if not expected:
-        with pytest.raises(ParameterError, match=r"no joint of the robot \(hip, knee\) is in: "):
+        with pytest.raises(
+            ParameterError, match=r"no joint of the robot \(hip, knee\) is named in: "
+        ):
             draft.of_table(table, joints)
         return
     rules = mapping.loads(draft.of_table(table, joints))
@@ -189,9 +191,9 @@ def test_of_two_positions_none_is_the_same_again_and_no_torque_is_a_command(name
 
 def test_names_without_a_joint_of_the_robot_are_told():
     text, _ = drafted(["t", "knee_pos", "knee_cmd", "elbow_pos"], ("knee",) * 1 + ("hip",))
-    assert "# No joint of the robot (knee, hip) is in: elbow_pos" in text
+    assert "# No joint of the robot (knee, hip) is named in: elbow_pos" in text
     with pytest.raises(
-        ParameterError, match=r"a.csv: no joint of the robot \(hip, knee\) is in: a"
+        ParameterError, match=r"a.csv: no joint of the robot \(hip, knee\) is named in: a"
     ):
         drafted(["t", "arm_pos", "arm_cmd"], ("hip", "knee"))
 

@@ -145,9 +145,9 @@ def test_a_joint_that_stands_rests():
 @pytest.mark.parametrize(
     ("where", "words"),
     [
-        (lambda q, dq: np.abs(dq) < 1.0, "|dq| <"),
-        (lambda q, dq: q > 0.3, "q >"),
-        (lambda q, dq: dq < -1.0, "dq <"),
+        (lambda q, dq: np.abs(dq) < 1.0, "speed <"),
+        (lambda q, dq: q > 0.3, "position >"),
+        (lambda q, dq: dq < -1.0, "velocity <"),
     ],
 )
 def test_a_region_is_told_in_words(where, words):
@@ -186,7 +186,7 @@ def test_states_of_a_joint_that_slides_are_lengths():
     r[phases.position(rec, "lf_knee") > 0.3, 1] += 5.0
     slides = [Channel("q", j, "m") for j in JOINTS] + CHANNELS[3:]
     (word,) = regions.regions([rec], slides, [r])[0].words
-    assert word.startswith("q >")
+    assert word.startswith("position >")
     assert word.endswith(" m")
 
 
@@ -202,4 +202,4 @@ def test_a_gap_everywhere_is_said_to_be():
     r = noise()
     r[:, 0] *= 5.0
     (region,) = regions.regions([record()], CHANNELS, [r])
-    assert str(region) == "lf_hip, everywhere: 100% of its gap in 100% of the time"
+    assert str(region) == "lf_hip, everywhere: no position, speed, time or phase stands out"

@@ -73,7 +73,8 @@ def test_an_effect_of_the_smallest_size_adds_as_much_as_shows(bench, effect):
     case, bundles = bench([])
     case = replace(case, fit_rows=[np.ones(len(r.t), dtype=bool) for r in case.records])
     with pool.start(call, (case,)) as tasks:
-        (one,) = visible.look(case, [bundles[effect]], SHOWS, tasks, lambda share: None)
+        (one,), seconds = visible.look(case, [bundles[effect]], SHOWS, tasks, lambda share: None)
+    assert seconds > 0.0
     (h,) = bundles[effect].hypotheses
     c = h.coordinates[0]
     at = [0.0 if k.strength else k.start[0] for k in h.coordinates]
@@ -187,6 +188,20 @@ def test_settings_of_the_search_change_its_time(slide, found):
     longer = check.look(slide.model, [*fit, *judge], GapParams(finalists=40, evaluations=180))
     assert longer["search_seconds"][0] > 2.0 * found["search_seconds"][0]
     assert found["search_seconds"][0] < found["search_seconds"][1]
+
+
+def test_a_search_takes_longer_where_effects_take_longer_to_try(slide, monkeypatch):
+    fit, judge = slide.records()
+    tried, told = visible.look, []
+    for slower in (1.0, 3.0):
+
+        def look(*args, by=slower):
+            rows, _ = tried(*args)
+            return rows, by
+
+        monkeypatch.setattr(visible, "look", look)
+        told.append(check.look(slide.model, [*fit, *judge])["search_seconds"][0])
+    assert told[1] == pytest.approx(3.0 * told[0], rel=0.1)
 
 
 def test_a_recording_repeated_four_times_costs_no_more_steps(slide, short, steps):

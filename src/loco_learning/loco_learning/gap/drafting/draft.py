@@ -111,12 +111,15 @@ def written(
     for line in sorted(lines, key=lambda line: not _is_measured(line)):
         first.setdefault((line.role, line.joint), line)
     used = [line for line in lines if first[line.role, line.joint] is line]
-    unmatched = f"no joint of the robot ({', '.join(joints)}) is in: {', '.join(strangers)}"
+    robot = f" of the robot ({', '.join(joints)})" * bool(joints)
+    unmatched = f"no joint{robot} is named in: {', '.join(strangers)}"
     if not first:
         why = unmatched if strangers else (
             f"no name says what is measured or commanded; it has {', '.join(names) or 'nothing'}"
         )  # fmt: skip
-        raise ParameterError(f"{file}: {why}. Write a mapping by hand (docs/gap_import.md)")
+        raise ParameterError(
+            f"{file}: {why}. Write a mapping by hand (docs/gap_import.md), pass it by --mapping"
+        )
     rest = [line for line in lines if line not in used]
     seen = {line.column for line in lines} | {line.topic for line in lines}
     text = [f"# Drafted from {file}: look at each line, above all at joints, units and signs.",

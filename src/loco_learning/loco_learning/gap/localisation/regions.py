@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Regions of a joint's states with a large gap, in words: a shallow regression tree per joint.
 
-Example: "knee, |dq| < 0.3 rad/s, stance: 62 % of its gap in 12 % of the time".
+Example: "knee, speed < 0.3 rad/s, stance: 62% of its gap in 12% of the time".
 """
 
 from __future__ import annotations
@@ -19,6 +19,7 @@ from .localise import JOINT_SIGNALS
 DEPTH, CUTS = 3, 16
 LEAST_LEAF = 0.04  # smallest share of the samples in a leaf
 WORTH = 0.05  # smallest share of the variance that a split must explain
+EVERYWHERE = ("everywhere",)
 DENSE = 1.5  # smallest energy of a reported region, over the average energy
 
 
@@ -28,7 +29,7 @@ class Region:
 
     Attributes:
         joint: Name of the joint.
-        words: Conditions that hold there, e.g. ("|dq| < 0.3 rad/s", "stance").
+        words: Conditions that hold there, e.g. ("speed < 0.3 rad/s", "stance").
         energy: Share of the joint's gap.
         time: Share of the measured samples.
     """
@@ -40,6 +41,8 @@ class Region:
 
     def __str__(self) -> str:
         where = ", ".join([self.joint, *self.words])
+        if self.words == EVERYWHERE:
+            return f"{where}: no position, speed, time or phase stands out"
         return f"{where}: {self.energy:.0%} of its gap in {self.time:.0%} of the time"
 
 
@@ -85,7 +88,7 @@ def features(
     records: Sequence[Record], joint: str, unit: str
 ) -> tuple[list[tuple[str, str]], np.ndarray]:
     """States of a joint: names with units, and values (N, F) of all records in sequence."""
-    named = [("q", unit), ("dq", f"{unit}/s"), ("|dq|", f"{unit}/s"), ("t", "s")]
+    named = [("position", unit), ("velocity", f"{unit}/s"), ("speed", f"{unit}/s"), ("time", "s")]
     rows = []
     errors = all("position" in r.command and joint in r.driven for r in records)
     for r in records:
@@ -98,7 +101,7 @@ def features(
             (phase == STRIDE_PHASES.index(p)) * float(names == STRIDE_PHASES) for p in STRIDE_PHASES
         ]
         rows.append(np.stack(columns, axis=1))
-    named += [("|command - q|", unit)] if errors else []
+    named += [("tracking error", unit)] if errors else []
     return [*named, *((p, "") for p in STRIDE_PHASES)], np.concatenate(rows)
 
 
@@ -115,7 +118,7 @@ def of_joint(
         if limits and share >= 0.1 and share >= DENSE * time:
             result.append(Region(joint, _words(limits, named), min(share, 1.0), time))
     result.sort(key=lambda r: (-r.energy, r.words))
-    return result or [Region(joint, ("everywhere",), 1.0, 1.0)]
+    return result or [Region(joint, EVERYWHERE, 1.0, 1.0)]
 
 
 def _leaves(

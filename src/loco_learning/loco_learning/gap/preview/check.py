@@ -8,7 +8,6 @@ signals, and the expected duration of a search.
 from __future__ import annotations
 
 import math
-import time
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
 from typing import Any
@@ -46,7 +45,6 @@ from .visible import Visible
 FORMAT = 1
 STEPS = 20.0  # smallest travel of an informative joint [encoder steps]
 TURN = 0.01  # [rad or m] smallest travel of an informative joint
-SIZES = 6.0  # simulations for screening one hypothesis
 LIMBER = 1.0  # largest kd dt / I of damping in a preview: above, its response overshoots
 
 
@@ -75,6 +73,24 @@ class Effort(Params):
 
 
 EFFORT = Effort()
+
+
+@dataclass(frozen=True)
+class SearchTime(Params):
+    """Processor time of a search over that of the preview, each per second of recording.
+
+    From searches of a bolted Tigrillo, a leg of HyQ and the DFKI pendulum, one worker: 188, 114 and
+    45 s (the last adds effects twice).
+    """
+
+    screening: float = parameter(10.0, "of all effects, over trying all effects", low=0.1)
+    simulation: float = parameter(
+        0.47, "of a simulation in a fit, over trying one effect: 1.5 for the verdict, and a try is "
+        "3.2 simulations", low=0.01
+    )  # fmt: skip
+
+
+SEARCH = SearchTime()
 
 
 def look(
@@ -127,9 +143,11 @@ def look(
     tried(0.0)
     count = 0 if workers < 2 or floors.compiled(case.forward) else workers
     with pool.start(call, (case,), count) as tasks:
-        results = visible.look(case, groups, math.sqrt(LIMITS.explained**2 - 1.0), tasks, tried)
-    report(0.9, "timing the search")
-    forward = Forward(model, parts, how)
+        results, seconds = visible.look(
+            case, groups, math.sqrt(LIMITS.explained**2 - 1.0), tasks, tried
+        )
+    each = seconds / len(groups) / sum(r.duration for r in parts) if groups else 0.0
+    times = _search(case.forward, records, len(groups), each, params)
     return _contents(
         model, records, robots, findings,
         channels=[
@@ -139,7 +157,7 @@ def look(
         effects=[_row(one, robot) for one in results],
         not_tried=[{"effect": e, "reason": note} for e, note in untried(robot, offers) + rest],
         notes=[*untested(robots), *_tried(records, parts)],
-        search_seconds=_search(forward, records, len(groups), params, max(1, workers)),
+        search_seconds=[float(f"{s / max(1, workers):.2g}") for s in times],
     )  # fmt: skip
 
 
@@ -295,30 +313,20 @@ def _travel(q: np.ndarray) -> np.ndarray:
 
 
 def _search(
-    forward: Forward, records: Sequence[Record], count: int, params: GapParams, workers: int
+    forward: Forward, records: Sequence[Record], count: int, each: float, params: GapParams
 ) -> list[float]:
     """Processor time of a search that finds one effect, and of the longest search [s].
 
-    The initial model is timed over the shortest excerpt. The estimate counts simulations of the
-    screening (`SIZES` per bundle), of rough fits and of complete fits.
+    Trying each of `count` bundles took `each` seconds per second of recording. The estimate counts
+    simulations of rough and complete fits.
     """
-    index = int(np.argmin([r.duration for r in forward.records]))
-    forward(only=[index])  # first a run without timing, since it compiles and reads files
-    began = time.process_time()  # excludes other processes of the machine
-    forward(only=[index])
-    speed = (time.process_time() - began) / forward.records[index].duration
-    fine = 1.0 / floors.finest(forward)
-    total = sum(r.duration for r in records)
-    longest = max(r.duration for r in records)
-    part = min(total, max(params.screen_seconds, longest))
-    phases = 7.0 if forward.robot().encoder_step > 0.0 else 0.0  # number of phases of limit cycles
-    ready = (7.0 * fine + 1.0 + phases) * total
-    screening = count * SIZES * part
-    coarse = 2 * params.keep * (params.rough + 4) * part * fine
-    fits = params.finalists * (params.evaluations + 10) * total * fine
-    level = screening + coarse + fits
-    seconds = [speed * (ready + n * level / workers) for n in (1, params.most_terms)]
-    return [float(f"{s:.2g}") for s in seconds]
+    total, fine = sum(r.duration for r in records), 1.0 / floors.finest(forward)
+    part = min(total, max(params.screen_seconds, max(r.duration for r in records)))
+    coarse = 2 * params.keep * (params.rough + 4) * part
+    fits = params.finalists * (params.evaluations + 10) * total
+    screening = count * SEARCH.screening * part
+    level = each * (screening + SEARCH.simulation * fine * (coarse + fits))
+    return [level, params.most_terms * level]
 
 
 def _list(names: Sequence[str], most: int = 6) -> str:

@@ -8,6 +8,7 @@ model and its commands are used; the measured signals of the robot have no influ
 from __future__ import annotations
 
 import math
+import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
@@ -171,7 +172,7 @@ class _Trial:
 def look(
     case: Case, bundles: Sequence[Bundle], shows: float, tasks: Jobs,
     report: Callable[[float], None],
-) -> list[Visible]:  # fmt: skip
+) -> tuple[list[Visible], float]:  # fmt: skip
     """Find the smallest visible size of every strength of every hypothesis.
 
     Args:
@@ -180,13 +181,24 @@ def look(
         shows: Rms in one channel above which an effect is visible [floors].
         tasks: Pool of processes that run `fitting.search.call` with the case.
         report: Called with the share of the bundles that were simulated.
+
+    Returns:
+        A result for each strength, and the processor time of all simulations [s].
     """
-    base, trials = case.vector((), coarse=True), []
-    jobs = [(try_bundle, (group, shows, base)) for group in bundles]
-    for i, result in enumerate(tasks.ordered(jobs), start=1):
-        trials += result
+    base, trials, seconds = case.vector((), coarse=True), [], 0.0
+    jobs = [(_timed, (group, shows, base)) for group in bundles]
+    for i, (result, taken) in enumerate(tasks.ordered(jobs), start=1):
+        trials, seconds = trials + result, seconds + taken
         report(i / len(jobs))
-    return _told(case, trials)
+    return _told(case, trials), seconds
+
+
+def _timed(
+    case: Case, bundle: Bundle, shows: float, base: np.ndarray
+) -> tuple[list[_Trial], float]:
+    """Result of `try_bundle`, and its processor time [s]."""
+    began = time.process_time()
+    return try_bundle(case, bundle, shows, base), time.process_time() - began
 
 
 def try_bundle(case: Case, bundle: Bundle, shows: float, base: np.ndarray) -> list[_Trial]:
