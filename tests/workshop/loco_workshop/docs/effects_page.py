@@ -95,9 +95,9 @@ def _entry(name: str) -> str:
 
 
 def _similar(other: LookAlike) -> str:
-    steps = other.experiment.split(": ")
-    told = f"Test: {steps[0]}. Result: {steps[1]}" if len(steps) == 2 else other.experiment
-    return f"- Similar to {_link(other.name)}. {told[0].upper()}{told[1:]}."
+    motion, *differs = other.experiment.split(": ", 1)
+    told = f"{motion}; there {differs[0]}" if differs else motion
+    return f"- Similar to {_link(other.name)}. An experiment that separates them: {told}."
 
 
 def _table(name: str) -> str:
