@@ -16,6 +16,8 @@ An effect is a deviation of the simulated robot from the ideal one. An experimen
 order: `effects: [{name: push, force: [0, 30, 0], start: 5, stop: 6}]`. The default of an effect is
 off; it then changes no byte.
 
+![A joint without backlash and with it](pictures/effects/backlash.png)
+
 How to read the entries:
 
 - *Parameters*: effects on joints also have `joint`, a name or pattern such as `"*_kfe_joint"`;

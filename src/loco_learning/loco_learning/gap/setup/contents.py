@@ -17,8 +17,8 @@ from .finding import Finding
 SETUP = "set-up"  # the verdict
 FORMAT = 1
 EVIDENCE = (
-    "The set-up is judged before anything physical is sought, since each of these would pass for "
-    "an effect. Mend it and search again; what is right as it is, say so: --set setup=false."
+    "The set-up is checked before any effect is tested, because such mistakes look like effects. "
+    "Correct it and search again. If it is right as it is, search with --set setup=false."
 )
 
 

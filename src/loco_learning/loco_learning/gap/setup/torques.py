@@ -298,7 +298,7 @@ def reversed_torques(bench: Bench) -> list[Finding]:
         for joint, before, after in zip(torques.robot.joints, *errors, strict=True):
             if after <= min(before / LIMITS.better, LIMITS.left):
                 says = f"{role} of {joint} has the other sign than motion and drive ask for: " \
-                       f"{before:.0%} of it are not explained, reversed {after:.0%}"  # fmt: skip
+                       f"motion leaves {before:.0%} unexplained, reversed {after:.0%}"  # fmt: skip
                 line = Change(MAPPING, SIGN, -1, role, joint)
                 findings.append(Finding("sign", (joint,), says, (line,)))
     return findings
