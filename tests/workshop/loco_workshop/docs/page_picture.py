@@ -17,7 +17,7 @@ from pathlib import Path
 from PIL import Image
 
 WIDTH = 1200  # of the window [px]
-COLOURS = 64  # of the picture
+COLOURS = 200  # of the picture
 
 
 def draw(page: Path, target: Path, top: int = 0, height: int = 540) -> None:
