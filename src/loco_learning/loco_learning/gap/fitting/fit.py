@@ -393,13 +393,13 @@ def jointly(case: Case, model: Fitted, setting: Setting) -> Fitted:
 
     r, highest = promise(start), problem.bounds[1]
     robot = differences(promise, start, r, np.full(count, JACOBIAN_STEP), reach[1])
-    steps = np.full(len(highest), JACOBIAN_STEP)
-    other = problem.quick or problem
+    coarse, steps = problem.quick, np.full(len(highest), JACOBIAN_STEP)
+    other = coarse or problem
     effects = differences(other, problem.start, other(problem.start), steps, highest, np.inf)
     bounds = [np.r_[x, y] for x, y in zip(reach, problem.bounds, strict=True)]
     z, slopes = np.r_[start, problem.start], np.hstack([robot, effects])
     budgets = FIRST + len(problem.start), TURNS * len(z) + AGAIN
-    quick = partial(residual, of=problem.quick) if problem.quick else None
+    quick = partial(residual, of=coarse) if coarse else None
     solution = guided(residual, z, bounds, JACOBIAN_STEP, budgets, slopes, model.cost, quick)
     parts, overrides = problem.split(solution.z[count:])
     values = case.loose.values(DEVIATIONS * solution.z[:count])
