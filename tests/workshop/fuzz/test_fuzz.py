@@ -87,22 +87,30 @@ def test_each_kind_of_find_is_seen(monkeypatch):
     assert signal.getsignal(signal.SIGPROF) is handler
 
 
-def test_a_parser_that_ends_the_process_is_found_with_its_input(tmp_path, monkeypatch):
+@pytest.mark.parametrize(
+    ("end", "kind", "why"),
+    [("os.kill(os.getpid(), 11)", "crash", "-11"),
+     ("signal.signal(27, 1); threading.Event().wait()", "no end", "no end")],
+)  # fmt: skip
+def test_a_parser_that_ends_the_process_or_hears_no_signal_is_found_with_its_input(
+    end, kind, why, tmp_path, monkeypatch
+):
     """The child is a process of its own, so it is given the planted target by its environment."""
     (tmp_path / "sitecustomize.py").write_text(
-        "import os\n"
+        "import os, signal, threading\n"
         "from loco_workshop.fuzz import targets\n"
         "def die(data, folder):\n"
-        "    if len(data) > 3: os.kill(os.getpid(), 11)\n"
+        f"    if len(data) > 3: {end}\n"
         "targets.TARGETS['planted'] = targets.Target(lambda: [b'abc'], die)\n"
     )
     paths = [str(tmp_path), os.environ.get("PYTHONPATH", "")]
     monkeypatch.setenv("PYTHONPATH", ":".join(filter(None, paths)))
+    monkeypatch.setattr(fuzz, "STUCK", 4.0)
     found = fuzz.run_batch("planted", [0], 50, tmp_path / "finds")
-    assert found["crash"] == 1
+    assert found[kind] == 1
     (path,) = (tmp_path / "finds").glob("*.bin")
     assert len(path.read_bytes()) > 3
-    assert path.with_suffix(".txt").read_text() == "-11"
+    assert path.with_suffix(".txt").read_text() == why
 
 
 def test_the_command_counts_and_keeps_nothing_where_nothing_is_found(tmp_path):

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """A module with a test that sees one of its lines: the mutants of the other line survive."""
 
+import json
 import os
 import py_compile
 from pathlib import Path
@@ -11,7 +12,8 @@ from loco_bringup.cli.main import main
 from loco_control.exceptions import LocoError
 from loco_control.files import write_whole
 from loco_learning.jobs.journal import Journal
-from loco_workshop.mutants import run
+from loco_workshop.mutants import run, terminal
+from loco_workshop.reliability import figures
 
 ROOT = Path(__file__).resolve().parents[3]
 MODULE, TESTS = "src/guarded/__init__.py", ("tests/test_guarded.py",)
@@ -57,6 +59,26 @@ def test_what_no_test_sees_survives_and_a_survey_goes_on(clone, tmp_path):
     assert 0.0 < run.score(verdicts) < 1.0
     run.write(verdicts, tmp_path / "out")
     assert "unseen: x < 3 -> x <= 3" in (tmp_path / "out" / "mutants.md").read_text()
+
+
+def test_a_draw_is_from_all_modules_together_and_its_figure_is_no_modules(
+    clone, monkeypatch, capsys
+):
+    other = "src/guarded/other.py"
+    write_whole(clone / other, SOURCE)
+    monkeypatch.setattr(run, "PROTECTING", {MODULE: TESTS, other: TESTS})
+    monkeypatch.setattr(terminal, "PROTECTING", run.PROTECTING)
+    monkeypatch.setattr(terminal, "root", lambda: clone)
+    out = clone / "out"
+    with pytest.raises(SystemExit):
+        main(["mutants", "--only", "guarded", "--limit", "3", "--out", str(out)])
+    (figure,) = figures.read(out / figures.NAME)
+    assert (figure.subject, figure.part, figure.values["mutants"]) == (
+        "mutants drawn",
+        "guarded",
+        3,
+    )
+    assert len({v["module"] for v in json.loads((out / "mutants.json").read_text())}) == 2
 
 
 def test_mutants_made_by_hand_stand_beside_the_others_or_alone(clone, monkeypatch):

@@ -31,7 +31,9 @@ from . import mutation
 from .targets import TARGETS, Target, target
 
 LIMIT = 10  # longest CPU time of one input [s]
-BATCH = 200  # number of inputs per child process
+BATCH = 200  # number of inputs per child process if the time is limited
+MANY = 2000  # the same if the number of inputs is given: less time is spent on imports
+STUCK = 120.0  # wall time after which a child that began no new input is killed [s]
 _CURRENT, _ROW = "current", "row"
 MEMORY = 1_500_000  # largest memory growth of a child [kB]; a file may fill 1 GiB
 KINDS = ("traceback", "no end", "crash", "memory")
@@ -77,7 +79,7 @@ def fuzz(
         until = time.monotonic() + seconds * workers / len(names)
         batch = 0
         while row["inputs"] < share if count else not batch or time.monotonic() < min(end, until):
-            size = min(BATCH, share - row["inputs"]) if count else BATCH
+            size = min(MANY, share - row["inputs"]) if count else BATCH
             job = [seed, list(TARGETS).index(name), batch]
             counts = run_batch(name, job, size, folder / name, damage)
             row = {key: row[key] + counts.get(key, 0) for key in row}
@@ -99,12 +101,16 @@ def run_batch(
             [sys.executable, "-m", "loco_workshop.fuzz.fuzz", job],
             stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True,
         )  # fmt: skip
-        try:
-            output, _ = child.communicate(timeout=60 + count * 2)
-        except subprocess.TimeoutExpired:  # a compiled loop does not handle the signal
-            child.kill()
-            child.communicate()
-            return keep(Path(place), folder, "no end", "no end")
+        row, now, output = Path(place, _ROW), None, None
+        while output is None:
+            try:
+                output, _ = child.communicate(timeout=STUCK)
+            except subprocess.TimeoutExpired:  # a compiled loop does not handle the signal
+                before, now = now, row.read_bytes() if row.is_file() else b""
+                if now == before:
+                    child.kill()
+                    child.communicate()
+                    return keep(Path(place), folder, "no end", "no end")
         if child.returncode:
             return keep(Path(place), folder, "crash", f"{child.returncode}")
         return json.loads(output.splitlines()[-1])

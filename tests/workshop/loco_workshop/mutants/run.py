@@ -25,12 +25,19 @@ from loco_learning.jobs.journal import Journal
 from . import nursery
 from .mutate import Mutant, by_hand, mutants
 
-# Modules that decide on the name of an effect and prevent false ones.
-_NAMING = (
-    "verdict/estimates", "verdict/decide", "verdict/judge", "verdict/doubt", "verdict/rivals",
-    "verdict/stable", "verdict/traded", "probability/weights", "probability/prices",
-    "statistics/leftover", "statistics/evidence",
-)
+# Modules that decide on the name of an effect and prevent false ones, by folder of the gap.
+_NAMING = {
+    "verdict": (
+        "decide", "doubt", "estimates", "judge", "rivals", "rounding", "scale", "sensitivity",
+        "stable", "traded",
+    ),
+    "probability": ("prices", "weights"),
+    "statistics": (
+        "evidence", "free", "identify", "leftover", "noise", "profile", "robust", "solve",
+    ),
+    "fitting": ("fit", "residual", "screen", "search", "seen"),
+}  # fmt: skip
+_ELSEWHERE = {"sensitivity": "verdict/test_rivals", "free": "prediction/test_led"}
 # Modules that protect a robot, a recording or a verdict, with the tests that must detect changes.
 PROTECTING: dict[str, tuple[str, ...]] = {
     "src/loco_sim/loco_sim/plant/safety.py": ("tests/loco_sim/plant/test_safety.py",),
@@ -54,10 +61,11 @@ PROTECTING: dict[str, tuple[str, ...]] = {
         "tests/loco_bringup/bag/test_recover.py",
     ),
     **{
-        f"src/loco_learning/loco_learning/gap/{name}.py": (
-            f"tests/loco_learning/gap/{name.replace('/', '/test_')}.py",
+        f"src/loco_learning/loco_learning/gap/{folder}/{name}.py": (
+            f"tests/loco_learning/gap/{_ELSEWHERE.get(name, f'{folder}/test_{name}')}.py",
         )
-        for name in _NAMING
+        for folder, names in _NAMING.items()
+        for name in names
     },
 }  # fmt: skip
 # Mutants that behave like the original, by module and `Mutant.key`, with the reason.
@@ -110,7 +118,7 @@ def survey(
     Args:
         root: Root of the clone.
         modules: Keys of `PROTECTING`.
-        limit: Largest number of mutants per module, drawn at random; 0 for all.
+        limit: Largest number of mutants in all modules together, drawn at random; 0 for all.
         seed: Seed of the draw.
         workers: Number of mutants tested in parallel.
         journal: Earlier verdicts of the same modules and tests, which are not repeated.
@@ -124,13 +132,16 @@ def survey(
     """  # fmt: skip
     if not (root / "tests").is_dir():
         raise MissingFileError(f"no tests folder in {root}; run this from a clone")
-    verdicts = []
+    verdicts, made = [], []
     for module in modules:
         text = (root / module).read_text(encoding="utf-8")
-        drawn = by_hand(text, BY_HAND.get(module, {}))
-        drawn += [] if only_by_hand else mutants(text)
-        if 0 < limit < len(drawn):
-            drawn = sorted(random.Random(seed).sample(drawn, limit), key=lambda m: m.line)
+        of_module = by_hand(text, BY_HAND.get(module, {}))
+        of_module += [] if only_by_hand else mutants(text)
+        made += [(module, mutant) for mutant in of_module]
+    if 0 < limit < len(made):
+        made = random.Random(seed).sample(made, limit)
+    for module in modules:
+        drawn = sorted((each for of, each in made if of == module), key=lambda m: m.line)
         source, tests = _digest(root, [module]), _digest(root, PROTECTING[module])
         by_change = {
             row["change"]: row["end"] for row in journal.rows
@@ -228,16 +239,18 @@ def score(verdicts: list[Verdict]) -> float:
 
 def counts(verdicts: list[Verdict]) -> dict[str, dict[str, int]]:
     """Numbers of mutants and share that was noticed [%], by module."""
-    by_module = {}
-    for module in dict.fromkeys(v.module for v in verdicts):
-        rows = [v for v in verdicts if v.module == module]
-        by_module[module] = {
-            "mutants": len(rows),
-            "noticed": sum(v.end in NOTICED for v in rows),
-            "equivalent": sum(v.end == "equivalent" for v in rows),
-            "noticed %": int(100 * score(rows)),
-        }
-    return by_module
+    modules = dict.fromkeys(v.module for v in verdicts)
+    return {module: count([v for v in verdicts if v.module == module]) for module in modules}
+
+
+def count(verdicts: list[Verdict]) -> dict[str, int]:
+    """Number of mutants, of those noticed and equivalent, and share that was noticed [%]."""
+    return {
+        "mutants": len(verdicts),
+        "noticed": sum(v.end in NOTICED for v in verdicts),
+        "equivalent": sum(v.end == "equivalent" for v in verdicts),
+        "noticed %": int(100 * score(verdicts)),
+    }
 
 
 def write(verdicts: list[Verdict], folder: Path) -> None:
@@ -248,8 +261,8 @@ def write(verdicts: list[Verdict], folder: Path) -> None:
         "| module | mutants | killed | equivalent | score |",
         "| --- | --- | --- | --- | --- |",
     ]
-    for module, count in counts(verdicts).items():
-        lines.append(f"| {' | '.join(map(str, (module, *count.values())))} % |")
+    for module, found in counts(verdicts).items():
+        lines.append(f"| {' | '.join(map(str, (module, *found.values())))} % |")
     survivors = [
         f"- {v.module}:{v.line} `{v.change}`" + (" (pytest failed)" if v.end == "error" else "")
         for v in verdicts if v.end in ("survived", "error")

@@ -13,7 +13,7 @@ from loco_control.files import check_writable
 from loco_learning.jobs.journal import Journal
 
 from ..reliability.figures import keep
-from .run import BY_HAND, PROTECTING, Verdict, counts, score, survey, write
+from .run import BY_HAND, PROTECTING, Verdict, count, counts, score, survey, write
 
 
 def show_mutants(a: argparse.Namespace) -> int:
@@ -38,10 +38,9 @@ def show_mutants(a: argparse.Namespace) -> int:
     finally:
         journal.close()
     write(verdicts, a.out)
-    by_module = counts(verdicts)
-    keep(a.out, "mutants by hand" if a.by_hand else "mutants", {
-        module: (count["noticed %"] >= 90, count) for module, count in by_module.items()
-    })  # fmt: skip
+    found = {a.only: count(verdicts)} if a.limit else counts(verdicts)
+    subject = "mutants by hand" if a.by_hand else "mutants drawn" if a.limit else "mutants"
+    keep(a.out, subject, {name: (row["noticed %"] >= 90, row) for name, row in found.items()})
     share = score(verdicts)
     console.print(f"  {len(verdicts)} mutants, {100 * share:.0f} % noticed: {a.out}", markup=False)
     return int(share < 0.9)

@@ -35,6 +35,7 @@ SUBJECTS = {
         "fuzz all --inputs 100000 --seed 7", "no finds", tuple(TARGETS)
     ),
     "mutants": Subject("mutants", "90 % are noticed", tuple(PROTECTING)),
+    "mutants drawn": Subject("mutants --only gap/ --limit 200", "90 % are noticed", ("gap/",)),
     "mutants by hand": Subject("mutants --by-hand", "90 % are noticed", tuple(BY_HAND)),
     "chaos": Subject(
         "chaos", "safe within 20 ticks, bags recovered, nothing left",

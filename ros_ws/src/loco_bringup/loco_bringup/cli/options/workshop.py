@@ -151,7 +151,7 @@ def mutants(p: ArgumentParser) -> None:
     are listed. A stopped run continues with the same command.
     """
     option(p, "--only", "", "modules whose path has it: safety", "TEXT")
-    option(p, "--limit", 0, "mutants of each module, drawn at random (default all)", "N")
+    option(p, "--limit", 0, "mutants in all, drawn at random (default all)", "N")
     option(p, "--seed", 0, "seed of the draw")
     option(p, "--workers", 2, "mutants tested at a time (default 2)")
     option(p, "--by-hand", False, "only those made by hand")
