@@ -60,6 +60,15 @@ SCRIPT = """<script>%s</script><script>
 new MutationObserver(async (_, seer) => {
   seer.disconnect();
   const bad = ["serious", "critical"];
+  const light = (css) => css.match(/[\\d.]+/g).slice(0, 3).map((v) => v / 255)
+    .map((v) => (v <= 0.04 ? v / 12.92 : ((v + 0.055) / 1.055) ** 2.4))
+    .reduce((sum, v, k) => sum + v * [0.2126, 0.7152, 0.0722][k], 0.05);
+  const contrast = (one, other) => Math.max(one / other, other / one);
+  const faint = Array.from(document.querySelectorAll(".swatch")).filter((swatch) => {
+    const style = getComputedStyle(swatch), seen = style.backgroundImage.match(/rgba?\\([^)]*\\)/g);
+    const behind = light(getComputedStyle(swatch.parentElement).backgroundColor);
+    return Math.max(...[...seen, style.outlineColor].map((c) => contrast(light(c), behind))) < 3;
+  });
   const serious = (await axe.run(document)).violations.filter((v) => bad.includes(v.impact));
   document.documentElement.style.width = "%dpx";
   for (let k = 0; k < 20 && (!k || document.body.scrollWidth > %d); k++)
@@ -69,6 +78,8 @@ new MutationObserver(async (_, seer) => {
   told.textContent = JSON.stringify({
     wide: document.body.scrollWidth,
     answer: document.querySelector(".answer")?.getBoundingClientRect().bottom ?? 0,
+    marked: document.body.innerText.includes("`"),
+    faint: faint.map((swatch) => swatch.parentElement.textContent),
     plots: document.querySelectorAll(".plot canvas, .frame > svg:has(path)").length,
     serious: serious.map((v) => [v.id, v.nodes[0].html.slice(0, 200)]) });
 }).observe(document.documentElement, { attributeFilter: ["data-drawn"] });
@@ -91,6 +102,8 @@ new MutationObserver(async (_, seer) => {
   said.case = document.querySelector("#case td").textContent;
   said.shown = svg.querySelectorAll("path").length;
   const buttons = Array.from(document.querySelectorAll("#open-power button"));
+  const dashed = buttons.find((b) => b.textContent.startsWith("κ")).firstChild;
+  said.swatch = dashed.style.backgroundImage;
   buttons[0].click();
   said.hidden = svg.querySelectorAll("path").length;
   let blob;
@@ -295,7 +308,7 @@ def test_a_page_is_for_everyone(name, look, tmp_path):
         if told["wide"] <= PHONE:
             break
     assert told["serious"] == [] and len(text.encode()) < MOST
-    assert told["wide"] <= PHONE
+    assert told["wide"] <= PHONE and told["faint"] == [] and not told["marked"]
     if name == "gap":
         assert 0 < told["answer"] <= SCREEN
     assert told["plots"] == sum(len(json.loads(data)["panels"]) for data in plotted(text)) > 0
@@ -306,6 +319,7 @@ def test_a_cell_says_its_value_opens_its_case_and_is_saved(tmp_path):
     assert re.fullmatch(r"power [\d.]+ W · kp 100 · kd 1", told["pointed"])
     assert told["arrow"].endswith("kp 1000 · kd 1") and told["case"] == "open_01_00_0"
     assert told["hidden"] < told["shown"]
+    assert all(f"rgb({c}, {c}, {c})" in told["swatch"] for c in (0, 255))  # black on a white edge
     head, *rows = told["saved"].splitlines()
     assert head == '"frame","name","x","y","x end","y end","text"'
     assert [row for row in rows if '"100","1"' in row and " W" in row]

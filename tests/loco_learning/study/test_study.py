@@ -17,6 +17,7 @@ from loco_learning.runs.experiment import override
 from loco_learning.study import figures, study
 from loco_learning.study.case import Case, run_case
 from loco_learning.study.study import load, names, run
+from loco_learning.study.trial import CONFIDENCE
 
 QUICK = {"learner.train": 1.0, "learner.closing": 1.0, "learner.test": 1.0, "gait.start_time": 0.2,
          "learner.stand": 0.2}  # fmt: skip
@@ -134,6 +135,7 @@ def test_figures_survive_trials_that_ended_early(finished, tmp_path):
     made, _, results = finished
     kept = ("feet_t", "feet_target", "feet", "trunk_t", "trunk_position", "trunk_angles")
     bare = [dataclasses.replace(r, curves={k: r.curves[k] for k in kept}) for r in results]
+    assert f"{CONFIDENCE:.0%}".replace("%", " %") in (figures.survival.__doc__ or "")
     for draw in figures.FIGURES.values():
         chart = draw(made, bare)
         png.write(chart, tmp_path / "figure.png")

@@ -29,7 +29,7 @@ def convergence(result: Result) -> Chart:
     before = [result.fits[0].before] * 2
     layers.append(line("default body", [0, last], before, DEFAULT, shape=DASHED))
     y = Axis(f"windowed error ({result.loss}) [{UNITS[result.loss]}]", logarithmic=True)
-    return Chart([Frame(Axis("generation"), y, layers, "dots: 95 % of the way down")])
+    return Chart([Frame(Axis("generation"), y, layers)])
 
 
 Period = tuple[str, str, np.ndarray, np.ndarray]  # name, colour, mean and deviation, (N, J) [rad]
@@ -59,10 +59,13 @@ def period_frames(joints: Sequence[str], length: float, periods: Sequence[Period
 
 def periods(row: Comparison, result: Result) -> Chart:
     """Average period of every passive joint in one recording, as figure 5.4."""
-    names = {"robot": "surrogate robot"} if result.surrogate else {}
-    curves = [(names.get(name, name), colour, row.curves[name], row.curves[f"{name}_spread"])
+    curves = [(_name(name, result), colour, row.curves[name], row.curves[f"{name}_spread"])
               for name, colour in COLOURS.items()]  # fmt: skip
     return Chart(period_frames(result.joints, row.period, curves))
+
+
+def _name(curve: str, result: Result) -> str:
+    return "surrogate robot" if result.surrogate and curve == "robot" else curve
 
 
 def all_periods(result: Result) -> Chart:
@@ -76,11 +79,11 @@ def all_periods(result: Result) -> Chart:
 
 def spectra(row: Comparison, result: Result) -> Chart:
     """Amplitudes of each passive joint's first harmonics: the transfer functions of eq. (5.2)."""
-    frames = []
-    count = np.arange(1, HARMONICS + 1)
+    frames, count = [], np.arange(1, HARMONICS + 1)
     for j, joint in enumerate(result.joints):
         layers = [
-            line(name, count / row.period, np.degrees(spectrum(row.curves[name])[count, j]),
+            line(_name(name, result), count / row.period,
+                 np.degrees(spectrum(row.curves[name])[count, j]),
                  colour, size=2.4 if name == "robot" else 1.4)
             for name, colour in COLOURS.items()
         ]  # fmt: skip

@@ -215,7 +215,7 @@ def recording_table(result: Result) -> tuple[list[str], list[list[str]]]:
         kind = "fitted" if row.fitted else "not fitted"
         for name, unit in UNITS.items():
             rows.append([
-                f"{row.name} ({kind})", f"{row.count} of {row.period:.2f} s", f"{name} [{unit}]",
+                f"{row.name} ({kind})", f"{row.count} × {row.period:.2f}\xa0s", f"{name} [{unit}]",
                 f"{row.before[name]:.4g}", f"{row.after[name]:.4g}", f"{row.ratio(name):.2f}",
                 f"{1e3 * row.lag_after:.0f} ms", row.fall_before or "stands",
                 row.fall_after or "stands",

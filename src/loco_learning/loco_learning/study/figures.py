@@ -144,7 +144,7 @@ def joint_traces(study: Any, results: Sequence[CaseResult]) -> Chart:
 def survival(study: Any, results: Sequence[CaseResult]) -> Chart:
     """Share of trials that do not fall, and that keep the gait, over the first axis of a grid.
 
-    Vertical lines are the intervals of `share_interval`.
+    Vertical lines are confidence intervals of 90 %.
     """
     whats = {
         "does not fall": lambda case: not case.verdict["fall"],

@@ -80,7 +80,7 @@ def _bodies(result: Result) -> Markup:
 
 def _model(model: Model) -> Markup:
     body = {"robot": model.robot, "overrides": model.overrides, "effects": model.effects}
-    return html.paragraph("As in", html.code("model.yaml"), "it reads:") + html.yaml_block(body)
+    return html.paragraph("Content of", html.code("model.yaml") + ":") + html.yaml_block(body)
 
 
 def _settings(result: Result) -> Markup:
@@ -94,21 +94,21 @@ _BODY = (
 )
 _PERIODS = (
     "Knee angles over one period of the actuation, as figure 5.4. Dashed: one standard deviation "
-    "between periods around. The first recording was fitted, the others were not seen by the "
-    "search. Curves are as recorded, without the shift that the windowed error allows."
+    "between periods. The first recording was fitted, the others were not seen by the search. "
+    "Curves are as recorded, without the shift that the windowed error allows."
 )
 _SPECTRA = (
     "Amplitudes of the harmonics of these periods. The actuation is the same for all three, so "
-    "this is how their transfer functions (eq. 5.2) differ: the calibrated model's is to be the "
-    "robot's (eq. 5.5)."
+    "these curves compare the transfer functions (eq. 5.2). The calibrated model should have that "
+    "of the robot (eq. 5.5)."
 )
 _RECORDINGS = (
     "Windowed error in both variants: that of thesis eq. (5.4), summed over the knees, and the "
     "normalised one of the author's code."
 )
 _CONVERGENCE = (
-    "Smallest error so far, as figure 5.2b. Every search starts at the default body; one that no "
-    "longer gains starts anew elsewhere."
+    "Smallest error so far, as figure 5.2b. Dots: 95 % of the way from default to best. Every "
+    "search starts at the default body; one that no longer gains restarts elsewhere."
 )
 _SEARCHES = "A plateau is reached when the error has made 95 % of its way from default to best."
 _BODIES = (

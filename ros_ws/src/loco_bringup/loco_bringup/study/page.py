@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import json
 import shlex
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -16,6 +16,7 @@ from markupsafe import Markup
 from loco_control.files import write_whole
 from loco_learning.drawing import png
 from loco_learning.drawing.chart import Chart
+from loco_learning.metrics.registry import METRICS
 from loco_learning.study import figures, maps
 from loco_learning.study.case import CaseResult
 from loco_learning.study.study import Case, Study
@@ -25,8 +26,8 @@ from ..page import html
 Drawn = tuple[str, str, Chart]
 
 MAP = (
-    "Colour: the metric. Dots: the trial failed. The edge runs around the legal range of the "
-    "metric, {legal}. Dashed: lines of equal damping ratio, y = κ √x. Click a cell for its case."
+    "Colour: the metric. Dots: the trial failed.{legal} Dashed: lines of equal damping ratio, "
+    "y = κ √x. Click a cell for its case."
 )
 REGIONS = (
     "Pale: where the rule of the study places a region. Full: the points there that behave as the "
@@ -90,8 +91,10 @@ def _maps(study: Study, results: list[CaseResult]) -> list[Drawn]:
     for sheet in maps.sheets(study, results):
         for metric in study.map.metrics:
             title = f"{sheet.title}, {metric.replace('_', ' ')}"
-            low, high = study.map.legal.get(metric, (None, None))
-            legal = "of which none is given" if low is None else f"{low:g} to {high:g}"
+            ends = study.map.legal.get(metric)
+            legal = (
+                " The edge runs around the legal range, {:g} to {:g}.".format(*ends) if ends else ""
+            )
             chart = maps.heat_map(sheet, metric, study.map)
             blocks.append((title, MAP.format(legal=legal), chart))
         if study.map.regions:
@@ -106,11 +109,14 @@ def _cases(study: Study, results: list[CaseResult]) -> Markup:
     rows = [{key: row[key] for key in row if key not in empty} for row in rows]
     prefix = f"The first {MOST_ROWS} of {len(rows)}; " if len(rows) > MOST_ROWS else ""
     text = f"{prefix}cases.csv has all digits; metrics of the phase {study.phase!r}."
-    return html.paragraph(text, soft=True) + _table(rows[:MOST_ROWS])
+    units = {"end": "s", **{axis.name: axis.unit for axis in study.axes}}
+    units |= {name: METRICS[name].unit for name in study.metrics}
+    return html.paragraph(text, soft=True) + _table(rows[:MOST_ROWS], units)
 
 
-def _table(rows: list[dict[str, Any]]) -> Markup:
-    head = [name.replace("_", " ") for name in rows[0]]
+def _table(rows: list[dict[str, Any]], units: Mapping[str, str] = {}) -> Markup:
+    heads = (f"{name.replace('_', ' ')} [{units.get(name) or '-'}]" for name in rows[0])
+    head = [text.removesuffix(" [-]") for text in heads]
     numeric = [i for i, value in enumerate(rows[0].values()) if isinstance(value, (int, float))]
     return html.table(head, [[_text(v) for v in row.values()] for row in rows], numeric)
 

@@ -62,12 +62,12 @@ async function drawChart(figure, data) {
   const mine = data.panels.map((panel) => frame(frames, panel));
   data.panels.forEach((panel, k) => panel.layers.forEach((layer) => {
     if (!layer.count || !layer.name) return;
-    if (!names.has(layer.name)) names.set(layer.name, { places: [] });
-    names.get(layer.name).places.push([mine[k], layer]);
-    Object.assign(names.get(layer.name), { color: layer.color, dashed: layer.dashed });  // of a dark mark on a pale one those of the mark
+    if (!names.has(layer.name)) names.set(layer.name, { colors: new Set(), places: [] });
+    const named = names.get(layer.name);
+    named.places.push([mine[k], layer]); named.colors.add(layer.color); named.dashed = layer.dashed;
   }));
-  for (const [name, { color, dashed, places }] of names) {
-    toggle(legend, name, color, dashed, (show) => places.forEach(([drawn, layer]) => { layer.shown = show; drawn(); }));
+  for (const [name, { colors, dashed, places }] of names) {
+    toggle(legend, name, [...colors], dashed, (show) => places.forEach(([drawn, layer]) => { layer.shown = show; drawn(); }));
   }
   button(legend, "Whole").addEventListener("click", () => mine.forEach((drawn, k) => { data.panels[k].view = null; drawn(); }));
   button(legend, "Save CSV").addEventListener("click", () => save(data.title,

@@ -55,10 +55,11 @@ function button(parent, text) {
   made.type = "button";
   return made;
 }
-// A button of the legend that switches what has its name.
-function toggle(legend, name, color, dashed, change) {
+// A button of the legend that switches what has its name, and shows every colour of it.
+function toggle(legend, name, colors, dashed, change) {
   const made = button(legend, ""), swatch = add(made, "i", "swatch");
-  swatch.style.background = dashed ? `repeating-linear-gradient(90deg, ${color} 0 .3rem, transparent .3rem .4rem)` : color;
+  const parts = dashed && colors.length === 1 ? [...colors, "transparent"] : colors, each = dashed ? 20 : 100 / parts.length;
+  swatch.style.background = `repeating-linear-gradient(90deg, ${parts.map((c, k) => `${c} ${k * each}% ${(k + 1) * each}%`)})`;
   made.append(name);
   made.className = "toggle";
   made.setAttribute("aria-pressed", "true");
@@ -117,7 +118,7 @@ async function drawPlot(figure, data) {
     charts.push(chart); mine.push(chart);
   });
   for (const [name, { color, dashed, places }] of names) {
-    toggle(legend, name, color, dashed, (show) => places.forEach(([chart, series]) => chart.setSeries(series, { show })));
+    toggle(legend, name, [color], dashed, (show) => places.forEach(([chart, series]) => chart.setSeries(series, { show })));
   }
   const whole = button(legend, "Whole"), csv = button(legend, "Save CSV");
   whole.addEventListener("click", () => charts.filter((c) => c.cursor.sync.key === data.axis).forEach((c) =>
