@@ -20,6 +20,7 @@ import zipfile
 from pathlib import Path
 
 import pytest
+from packaging.requirements import Requirement
 
 from loco_control import types
 from loco_control.ros.messages.joint_topics import TABLES
@@ -264,9 +265,28 @@ def test_no_package_index_is_named():
     option = re.compile(r"--(extra-)?index-url|--find-links|--trusted-host|https?://")
     files = [*ROOT.glob("requirements/*.[!z]*"), *ROOT.glob("docker/*"), ROOT / ".ci/run"]
     files += [ROOT / "loco"]
-    files += [ROOT / "pyproject.toml"]
+    files += [ROOT / "pyproject.toml", ROOT / "pixi.toml"]
     for path in files:
         assert not option.search(path.read_text().replace("--no-emit-index-url", "")), path
+
+
+def test_pixi_asks_for_what_the_requirements_ask_for():
+    """It cannot be solved here: versions of ROS, and what no wheel and no message of ours brings."""
+    pixi = pytest.importorskip("tomllib").loads(read("pixi.toml"))  # of Python 3.11
+    asked = pixi["dependencies"]
+    pin = re.compile(r"^ros-(?:jazzy-)?([\w-]+)(?:\[\w+\])?==(.+)$", re.MULTILINE)
+    pins = pin.findall(read("requirements/ros.in"))
+    wanted = {f"ros-jazzy-{name}": f">={version},<{int(version[0]) + 1}" for name, version in pins}
+    assert len(wanted) == 2 and wanted.items() <= asked.items()
+    lines = [line.split("#")[0] for line in read("requirements/runtime.in").splitlines()]
+    wheels = [Requirement(line) for line in lines if line.strip()]
+    python = {"python_version": asked["python"].removesuffix(".*")}
+    assert {r.name for r in wheels if r.marker and not r.marker.evaluate(python)} <= asked.keys()
+    manifest = ElementTree.parse(MESSAGES.parent / "package.xml")
+    names = [element.text or "" for element in manifest.iter("buildtool_depend")]
+    names += [folder.name for folder in ROOT.glob("src/*_msgs") if folder.name != "loco_msgs"]
+    assert {f"ros-jazzy-{name.replace('_', '-')}" for name in names} <= asked.keys()
+    assert pixi["pypi-dependencies"] == {"loco-gap": {"path": ".", "editable": True}}
 
 
 # --- messages -----------------------------------------------------------------------
