@@ -271,7 +271,7 @@ def test_no_package_index_is_named():
 
 
 def test_pixi_asks_for_what_the_requirements_ask_for():
-    """It cannot be solved here: versions of ROS, and what no wheel and no message of ours brings."""
+    """It cannot be solved here: versions of ROS, and what wheels and our messages do not bring."""
     pixi = pytest.importorskip("tomllib").loads(read("pixi.toml"))  # of Python 3.11
     asked = pixi["dependencies"]
     pin = re.compile(r"^ros-(?:jazzy-)?([\w-]+)(?:\[\w+\])?==(.+)$", re.MULTILINE)

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import pytest
 
-from loco_workshop.battery import score, score_text
+from loco_workshop.battery import page, score, score_text
 
 pytestmark = pytest.mark.usefixtures("short")
 
@@ -274,3 +274,8 @@ def test_the_page_in_markdown_has_all_cases():
 def test_a_share_of_less_than_a_percent_is_not_told_as_none():
     told = [score_text.percent(value) for value in (None, 0.0, 0.004, 0.01, 0.874, 1.0)]
     assert told == ["–", "0 %", "0.4 %", "1 %", "87 %", "100 %"]
+
+
+def test_a_published_battery_has_its_page(repository):
+    text = page.published(repository / "docs/results/gap_battery/seed_7301.jsonl.gz")
+    assert "Blind battery, seed 7301" in text and "29 cases" in text

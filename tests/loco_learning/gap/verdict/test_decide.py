@@ -120,9 +120,15 @@ def test_the_sentence_tells_what_is_left():
     assert more.startswith(f"With {RUBS} the gap falls") and "more is missing: " in more
     assert "cannot tell {" in said((0.0, RUBS), (0.0, PLAY)).evidence
     part = said((7.5, RUBS)).evidence
-    assert f"{RUBS} would close part of it" in part and "No known effect" in part
-    assert "No known effect explains the gap of" in said().evidence
+    assert f"{RUBS} would close part of it" in part and "No effect tried" in part
+    assert "No effect tried explains the gap of" in said().evidence
     assert "noise floors" in said(gap=0.0).evidence
+
+
+def test_a_gap_without_a_cause_is_that_of_the_users_model_as_in_the_headline():
+    given, base = fitted(rms=12.0), fitted(rms=10.0)
+    found = decide(weigh([base], 0), base, given, base)
+    assert f"the gap of {given.held.rms:.3g} noise" in found.evidence
 
 
 def test_what_leaves_more_is_never_said_to_close_part_of_it():

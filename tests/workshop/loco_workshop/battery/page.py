@@ -1,9 +1,15 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Score of a battery as JSON, Markdown and one self-contained HTML page."""
+"""Score of a battery as JSON, Markdown and one self-contained HTML page.
+
+The page of a published battery, with ``PYTHONPATH=tests/workshop``:
+``.venv/bin/python -m loco_workshop.battery.page docs/results/gap_battery/seed_7301.jsonl.gz PAGE``
+"""
 
 from __future__ import annotations
 
+import gzip
 import json
+import sys
 from collections.abc import Mapping, Sequence
 from functools import partial
 from pathlib import Path
@@ -105,7 +111,9 @@ def _numbers(head: Sequence[str], rows: Sequence[Sequence[str]]) -> Markup:
 
 def _rates(found: Mapping[str, Any], later: Mapping[str, Any] | None) -> Markup:
     content = [
-        html.paragraph("Single effects; by robot and condition: medium and large."),
+        html.paragraph(
+            "Cases with one hidden effect; those of a robot or a condition are medium or large."
+        ),
         _numbers(*score_text.rates(found)),
     ]
     if later:
@@ -185,3 +193,20 @@ def _mark(r: Mapping[str, Any]) -> str:
     if set(r["true"]) <= set(r["said"]) or r["right"]:
         return "good"
     return "bad" if r["named"] else "so"
+
+
+def published(path: Path) -> str:
+    """Page of a battery whose cases are in one file, a line of JSON each.
+
+    Args:
+        path: File ``seed_N.jsonl.gz``.
+    """
+    with gzip.open(path, "rt", encoding="utf-8") as file:
+        cases = [json.loads(text) for text in file]
+    rows = [score.row(case["truth"], case["result"]) for case in cases]
+    title = f"Blind battery, {path.name.partition('.')[0].replace('_', ' ')}"
+    return page(title, score.figures(rows), rows, score.confusion(rows))
+
+
+if __name__ == "__main__":
+    write_whole(Path(sys.argv[2]), published(Path(sys.argv[1])))

@@ -103,7 +103,7 @@ def headline(result: Result) -> str:
                        for k in result.get("kinds") or ()]  # fmt: skip
         suffix = f" Named: {'; '.join(identified)}." if identified else ""
         return f"Ambiguous: {'; '.join(groups)}. These recordings cannot tell.{suffix}"
-    return "Unknown: the model lacks something that none of the known effects explains."
+    return "Unknown: the model lacks something that none of the effects tried explains."
 
 
 def _named(term: Mapping[str, Any]) -> bool:

@@ -109,9 +109,9 @@ def references(log: Log) -> dict[str, str]:
 
 def sentence(log: Log, values: dict[str, dict[str, float]]) -> str:
     """Summary of the run: distance, speed, and whether the target or the readout drove."""
-    name, robot = log.experiment.name, log.experiment.plant.name
+    robot = log.experiment.plant.name
     if not len(log) or not math.isfinite(log.position[-1, 0]) or log.experiment.plant.fixed_base:
-        return f"{robot} ran {name} for {len(log) * log.dt:.1f} s.{_tracked(log, values)}"
+        return f"{robot} ran for {len(log) * log.dt:.1f} s.{_tracked(log, values)}"
     move, length = quantities.progress(log)[-1], len(log) * log.dt
     text = (
         f"{robot} got {math.hypot(*move):.2f} m away in {length:.1f} s: {move[0]:.2f} m along its "

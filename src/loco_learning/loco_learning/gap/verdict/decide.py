@@ -93,14 +93,11 @@ def decide(
         criterion: Free numbers.
     """
     if not model.parts:
-        gap = has_gap(base.whole)
-        rms = base.held.rms
-        text = (
-            f"No known effect explains the gap of {rms:.3g} noise floors."
-            if gap
-            else f"The model explains the data: {rms:.2f} noise floors."
-        )
-        return Decision(UNKNOWN if gap else NO_GAP, (), not gap, text)
+        if has_gap(base.whole):
+            text = f"No effect tried explains the gap of {given.held.rms:.3g} noise floors."
+            return Decision(UNKNOWN, (), False, text)
+        text = f"The model explains the data: {base.held.rms:.2f} noise floors."
+        return Decision(NO_GAP, (), True, text)
     explains = adequate(base.whole, model.whole, enough)
     if explains and _negligible(weights, base, sliding, criterion):
         text = (
@@ -194,7 +191,7 @@ def _summary(
     if loud is None and names and unknown:
         return f"With {names} {gap}, but only beside {unknown}, which the data do not establish."
     if not after < before:
-        return f"No known effect explains the gap of {before:.3g} noise floors, or lowers it."
+        return f"No effect tried explains the gap of {before:.3g} noise floors, or lowers it."
     best = " and ".join(filter(None, [names, *groups]))
     part = f"{best} would close part of it, to" if best else "the best try leaves"
-    return f"No known effect explains the gap of {before:.3g} noise floors; {part} {after:.3g}."
+    return f"No effect tried explains the gap of {before:.3g} noise floors; {part} {after:.3g}."
