@@ -43,6 +43,7 @@ BRINGUP = {
 }
 WORKSHOP = BRINGUP | {"loco_bringup", "cma"}  # it measures the packages and compares with others
 DOORS = {
+    Path("loco_control/stance/mpc.py"): {"osqp", "scipy"},
     Path("loco_sim/world/bullet.py"): {"pybullet", "pybullet_data"},
     Path("loco_sim/world/mujoco.py"): {"mujoco"},
     Path("loco_sim/hardware/dynamixel.py"): {"dynamixel_sdk"},

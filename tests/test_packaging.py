@@ -149,6 +149,7 @@ ONLY_PIP = {
     *("gymnasium", "stable_baselines3", "torch"),
     "mujoco",
     "mkdocs",
+    "osqp",
     "rerun",
     "foxglove",
     *("cma", "distributed", "llvmlite", "lz4", "mcap", "mcap_ros2", "numba", "pybullet"),

@@ -15,6 +15,7 @@ from loco_control.gait.oscillators import CpgParams
 from loco_control.legs.geometry import LegGeometry
 from loco_control.params import Params, from_dict, limits, parameter, to_dict
 from loco_control.stance.controller import StanceParams
+from loco_control.stance.mpc import MpcParams
 from loco_control.stance.trunk import TrunkParams
 
 
@@ -37,7 +38,7 @@ class Outer(Params):
     anything: object = parameter(None, "not checked")
 
 
-ALL = [Inner, Outer, CpgParams, GaitParams, LegGeometry, StanceParams, TrunkParams]
+ALL = [Inner, Outer, CpgParams, GaitParams, LegGeometry, MpcParams, StanceParams, TrunkParams]
 
 
 @pytest.mark.parametrize("cls", ALL)

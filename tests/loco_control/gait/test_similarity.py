@@ -19,6 +19,7 @@ from loco_control.gait.similarity import (
 )
 from loco_control.legs.geometry import HYQ, LegGeometry
 from loco_control.stance.controller import StanceParams
+from loco_control.stance.mpc import MpcParams
 from loco_control.stance.trunk import TrunkParams
 
 
@@ -55,13 +56,17 @@ def test_the_trunk_sags_and_swings_alike():
     assert rate[1] / rate[0] == pytest.approx(size.length**-0.5, rel=1e-3)
     damping = [p.height_kd / np.sqrt(p.height_kp * p.mass) for p in (own, small)]
     assert damping[1] == pytest.approx(damping[0], rel=1e-3)
+    assert small.mpc.gyration == pytest.approx(size.length * np.array(own.mpc.gyration), rel=1e-3)
+    assert small.mpc.step == pytest.approx(size.length**0.5 * own.mpc.step, rel=1e-3)
     tilt = [p.roll_kd**2 / (p.roll_kp * p.mass) for p in (own, small)]  # m L² is the inertia
     assert tilt[1] / tilt[0] == pytest.approx(size.length**2, rel=2e-3)
 
 
 def test_every_unit_of_the_scaled_sections_is_known_or_has_no_size():
     units = {
-        f.metadata["unit"] for cls in (GaitParams, TrunkParams) for f in dataclasses.fields(cls)
+        f.metadata["unit"]
+        for cls in (GaitParams, TrunkParams, MpcParams)
+        for f in dataclasses.fields(cls)
     }
     assert units - set(POWERS) == {"-", "m/s²", "rad"}
     assert factor("m/s²", Size(0.3, 0.2)) == 1.0

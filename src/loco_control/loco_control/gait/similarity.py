@@ -82,6 +82,8 @@ def scaled(params: T, size: Size, only: tuple[str, ...] | None = None) -> T:
     """
     changes: dict[str, Any] = {}
     for f in dataclasses.fields(params):
+        if dataclasses.is_dataclass(inner := getattr(params, f.name)):
+            changes[f.name] = scaled(inner, size)
         by = factor(f.metadata.get("unit", "-"), size)
         if by != 1.0 and (f.name in only if only else f.name not in SETTINGS):
             changes[f.name] = _times(getattr(params, f.name), by, f.metadata)

@@ -19,6 +19,7 @@ import numpy as np
 from ..legs.geometry import HYQ
 from ..params import Params, parameter
 from ..types import GaitTarget, RobotState, TrunkTorque
+from .mpc import MpcParams, MpcTrunk
 
 MAPPINGS = ("nullspace", "minimum_force")
 
@@ -41,10 +42,15 @@ class TrunkParams(Params):
     height_kd: float = parameter(800.0, "damping along z", "N·s/m", low=0.0)
     mass: float = parameter(84.76, "mass that the legs carry (author: 75)", "kg", low=0.0)
     gravity: float = parameter(9.81, "gravity of the weight compensation", "m/s²", low=0.0)
-    mapping: str = parameter("nullspace", "distribution of the wrench to legs", choices=MAPPINGS)
+    mapping: str = parameter(
+        "nullspace",
+        "distribution of the wrench to legs; mpc: planned forces instead",
+        choices=(*MAPPINGS, "mpc"),
+    )
     heading_hold: bool = parameter(True, "hold the initial heading, or that after a turn")
     push_only: bool = parameter(True, "feet never pull on the ground")
     min_stance_legs: int = parameter(2, "no torque with fewer legs in stance", low=1, high=4)
+    mpc: MpcParams = parameter(MpcParams(), "predictive control, with the mapping mpc")
 
 
 class TrunkController:
@@ -61,8 +67,9 @@ class TrunkController:
         self.params, self._kernels = params, stance_kernels
         self._legs = HYQ if legs is None else legs
         self._gains = np.array([getattr(params, name) for name in stance_kernels.GAINS])
-        if not params.heading_hold:
-            self._gains[stance_kernels.GAINS.index("yaw_kp")] = 0.0
+        self._mpc = None
+        if params.mapping == "mpc":
+            self._mpc = MpcTrunk(params.mpc, params.mass, params.gravity, self._legs)
         fewest = params.min_stance_legs if params.enabled else 5  # more legs than exist: disabled
         self._options = (fewest, params.mapping == "nullspace", params.push_only)
         self.reset()
@@ -70,12 +77,18 @@ class TrunkController:
     def reset(self) -> None:
         """Discard the desired heading; the next step sets it to the current heading."""
         self._heading: float | None = None
+        if self._mpc:
+            self._mpc.reset()
 
     def step(self, state: RobotState, target: GaitTarget, stance: np.ndarray) -> TrunkTorque:
         """Torques of the legs in `stance`, (4,) bool, at the tick of `state`."""
         rate = self._kernels.turning_rate(target.foot_position, target.foot_velocity, target.stance)
-        if self._heading is None or rate != 0.0:  # the heading at the end of a turn is held
+        held = self.params.heading_hold and rate == 0.0  # at the end of a turn, where it is
+        if self._heading is None or not held:
             self._heading = self._kernels.roll_pitch_yaw(state.orientation)[2]
+        if self._mpc and stance.sum() >= self._options[0]:
+            tau, wrench = self._mpc.step(state, target, (self._heading, rate), stance)
+            return TrunkTorque(state.tick, state.t, tau, wrench, stance.copy())
         tau, wrench = self._kernels.trunk_torque(
             *(state.q, state.dq, state.orientation, state.angular_velocity),
             *(target.foot_position, (self._heading, rate), stance),

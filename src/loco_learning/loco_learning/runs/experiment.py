@@ -121,6 +121,11 @@ class Experiment(Params):
         if walking or (self.target is None and self.plant.legs is not None):
             for key, params in quadruped.defaults(self.plant).items():
                 self._set(**{key: getattr(self, key) or params})
+            duty, planned = self.gait.duty_factor, self.trunk.mpc.duty_factor
+            if self.trunk.mapping == "mpc" and planned != duty:
+                raise ParameterError(
+                    f"trunk.mpc.duty_factor is {planned:g}, set it to that of the gait, {duty:g}"
+                )
         else:
             self._set(target=self.target or CpgParams())
             self._set(learner=self.learner or JointLearnerParams())
