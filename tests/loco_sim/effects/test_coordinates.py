@@ -29,6 +29,13 @@ def test_values_stay_in_their_bounds():
     assert STRAIGHT.clipped(-3.0) == 0.0
 
 
+@pytest.mark.parametrize("c", [STRAIGHT, CURVED])
+def test_a_coordinate_within_its_bounds_is_clipped_to_the_very_same_number(c):
+    """A step that rounding turned round left the bounds: a size of 0 seemed to do nothing."""
+    for x in np.linspace(0.01, 3.0, 300):
+        assert c.clipped(x) == x
+
+
 def test_one_unit_of_a_logarithm_is_a_factor_of_e():
     assert CURVED.value(1.0) / CURVED.value(0.0) == pytest.approx(math.e)
 

@@ -50,10 +50,13 @@ class Coordinate:
         """Whether the parameter is non-negative."""
         return self.low >= 0.0
 
+    def unbounded(self, x: float) -> float:
+        """Value of the parameter at a coordinate, without regard to its bounds."""
+        return self.origin + self.size * (math.exp(min(x, 50.0)) if self.logarithmic else x)
+
     def value(self, x: float) -> float:
         """Value of the parameter at a coordinate, clipped to its bounds."""
-        raw = self.origin + self.size * (math.exp(min(x, 50.0)) if self.logarithmic else x)
-        return min(max(raw, self.low), self.high)
+        return min(max(self.unbounded(x), self.low), self.high)
 
     def inverse(self, value: float) -> float:
         """Coordinate of a parameter value."""
@@ -61,8 +64,8 @@ class Coordinate:
         return math.log(ratio) if self.logarithmic else ratio
 
     def clipped(self, x: float) -> float:
-        """Coordinate clipped to the bounds of the parameter."""
-        return self.inverse(self.value(x))
+        """Coordinate clipped to the bounds of the parameter; within them the very same number."""
+        return x if self.low <= self.unbounded(x) <= self.high else self.inverse(self.value(x))
 
 
 def assemble(coordinates: Sequence[Coordinate], x: Sequence[float]) -> dict[str, Any]:

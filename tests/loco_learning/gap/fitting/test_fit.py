@@ -3,17 +3,31 @@
 
 import math
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from loco_learning.gap.fitting.fit import Problem, Setting, beyond, fit, jointly, polish, weigh
+from loco_learning.gap.fitting.fit import (
+    Problem,
+    Setting,
+    _bounds,
+    _strides,
+    beyond,
+    fit,
+    jointly,
+    polish,
+    weigh,
+)
 from loco_learning.gap.hypotheses.hypotheses import offer
 from loco_learning.gap.params import GapParams
 from loco_learning.gap.prediction.case import Case
 from loco_learning.gap.prediction.forward import Forward
 from loco_learning.gap.statistics.solve import FEW, guided
+from loco_sim.effects.coordinates import Coordinate
 from loco_sim.effects.offers import Hints
+
+from .. import laws
 
 STRIBECK = {"name": "stribeck_friction", "torque": 4.3, "velocity": 0.085}
 
@@ -123,6 +137,41 @@ def test_unusual_shapes_strain_a_model(bench):
     (hypothesis,) = offered["stribeck_friction"].hypotheses
     usual, odd = (weigh(case, [at(hypothesis, torque=1.0, velocity=v)], {}) for v in (0.1, 40.0))
     assert usual.strain - usual.pull < 0.5 < 5.0 < odd.strain - odd.pull  # but for clocks
+
+
+@pytest.mark.parametrize("deviations", [-2.0, 0.0, 1.0, 3.0])
+def test_strain_is_that_of_a_normal_prior(deviations):
+    model = replace(laws.fitted(laws.STRIBECK, 0.7 * deviations), pull=1.5)
+    assert model.strain == pytest.approx(0.5 * deviations**2 + 1.5)
+
+
+def test_a_shape_without_limits_ends_at_the_same_multiples_of_its_size_in_any_unit():
+    velocity = replace(laws.SPEED, low=0.0, high=math.inf)
+    degrees = replace(velocity, size=math.degrees(velocity.size))
+    assert _bounds(degrees) == pytest.approx(_bounds(velocity))
+    assert _bounds(velocity) == pytest.approx([-math.log(1e6), math.log(1e6)])
+
+
+@pytest.mark.parametrize(
+    ("starts", "width"), [((0.3,), 0.2 * 4.0 / 0.5), ((0.3, 0.8), 0.5), ((0.1, 0.4, 1.1), 1.0)]
+)
+def test_minima_of_a_place_are_as_far_apart_as_its_starts_or_a_part_of_its_range(starts, width):
+    place = Coordinate("angle", 0.5, starts, -2.0, 2.0, "rad")
+    plant = SimpleNamespace(encoder_step=0.0)
+    problem = SimpleNamespace(
+        case=SimpleNamespace(forward=SimpleNamespace(_robot=lambda *args: plant)),
+        each=[(None, place, 0.3, 2.0)],
+    )  # fmt: skip
+    assert _strides(problem) == [(0, pytest.approx(width / 2.0))]
+
+
+def test_a_model_without_free_numbers_is_not_fitted(bench):
+    case, _ = bench([])
+    counts = [case.count]
+    for function in (weigh, fit):
+        found = function(case, [], {} if function is weigh else setting())
+        counts.append(case.count)
+    assert found.cost == 0.0 and len(set(np.diff(counts))) == 1
 
 
 def test_a_stop_and_a_weak_drive_are_fitted_together(servo):

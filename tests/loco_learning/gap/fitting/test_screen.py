@@ -15,6 +15,8 @@ from loco_learning.gap.hypotheses.hypotheses import offer
 from loco_sim.effects.offers import Hints
 from loco_sim.robot import robot
 
+from .. import laws
+
 LATE = {"name": "command_delay", "delay": 0.02}
 
 
@@ -137,6 +139,34 @@ def test_a_branch_is_quiet_beside_its_noise_and_beside_the_whole_gap(level, else
     """A joint of an arm that rubs shows little beside others, and much beside its noise."""
     rows = np.arange(1000) < 400
     assert _quiet(np.where(rows, level, elsewhere), rows) == quiet
+
+
+def test_a_branch_that_is_quiet_is_not_tried_and_explains_nothing():
+    rows = np.repeat([True, False], 500)
+    residual = np.where(rows, 1.0, 50.0)
+    case = SimpleNamespace(vector=None, channel_of=lambda only: np.where(rows, 0, 1))
+    bundle = Bundle((laws.COULOMB,), (np.array([True, False]),), passes=True)
+    (found,) = screened(case, bundle, [], {}, [0], residual)
+    assert (found.share, found.cost, found.dead) == (0.0, 0, False)
+
+
+@pytest.mark.parametrize(("count", "share"), [(1, 1.0), (2, 0.9), (3, 0.9)])
+def test_what_several_strengths_explain_is_promised_less_a_tenth(count, share):
+    """One is simulated at its size; of several, only one at a time was."""
+    t = np.linspace(0.0, 20.0, 400)
+    waves = [np.sin((1.0 + k) * t) for k in range(count)]
+    sizes = [replace(laws.TORQUE, name=f"torque_{k}") for k in range(count)]
+
+    def vector(specs, overrides, only, coarse):
+        (spec,) = specs
+        return sum((spec[c.name] - 0.07) * w for c, w in zip(sizes, waves, strict=True))
+
+    case = SimpleNamespace(vector=vector, channel_of=lambda only: np.zeros(400, int))
+    law = laws.hypothesis("coulomb_friction", *sizes)
+    gap = vector([dict.fromkeys([c.name for c in sizes], 0.0)], {}, [0], True)
+    (found,) = screened(case, Bundle((law,), (None,)), [], {}, [0], gap)
+    assert found.share == pytest.approx(share, abs=1e-6)
+    assert found.x == pytest.approx([0.07 / 0.05] * count, rel=0.01)
 
 
 @pytest.mark.parametrize("depth", [0.03, 0.07, 0.3])

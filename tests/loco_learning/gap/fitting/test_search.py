@@ -7,8 +7,10 @@ import numpy as np
 import pytest
 
 from loco_learning.gap.fitting.screen import Screened
-from loco_learning.gap.fitting.search import Search, siblings
+from loco_learning.gap.fitting.search import Search, call, siblings
+from loco_learning.gap.hypotheses.bundles import Bundle
 from loco_learning.gap.hypotheses.hypotheses import Hypothesis
+from loco_learning.gap.params import GapParams
 from loco_learning.gap.prediction.case import Case
 from loco_learning.gap.statistics.leftover import LIMITS, has_gap
 
@@ -104,3 +106,49 @@ def test_values_of_the_robot_are_fitted_by_simulation_only_near_the_best():
     assert sought == ["payload", "com_offset", "end_stop"]
     assert [m.hope for m in models] == [1.0, 0.9, 1.0, 1.0]
     assert [search.in_reach(fit_of("payload", rms), models) for rms in (1.9, 2.1)] == [True, False]
+
+
+DRY = {"name": "coulomb_friction", "torque": 3.0}
+LATE = {"name": "command_delay", "delay": 0.004}
+
+
+def searched(bench, effects, names):
+    """A search among effects of some names on a bench with effects, its result, and progress."""
+    case, offered = bench(effects)
+    tasks = SimpleNamespace(ordered=lambda jobs: (call(case, *job) for job in jobs))
+    told, hypotheses = [], [offered[name].hypotheses[0] for name in names]
+    search = Search(
+        case, hypotheses, GapParams(), tasks, lambda share, *_: told.append(share), {},
+        lambda some: [Bundle((h,), (None,)) for h in some],
+    )  # fmt: skip
+    return search, search.together(search.singles()), told
+
+
+def test_two_causes_are_found_in_whatever_order_they_are_tried_and_leave_noise(bench):
+    names = ["coulomb_friction", "viscous_friction", "command_delay"]
+    search, found, told = searched(bench, [DRY, LATE], names)
+    assert found.best.names == ("command_delay", "coulomb_friction")
+    assert search.adequate(found.best) and not search.adequate(found.base)
+    assert told == sorted(told) and 0.0 <= told[0] < told[-1] <= 1.0
+    _, again, _ = searched(bench, [DRY, LATE], names[::-1])
+    assert [m.key for m in again.models] == [m.key for m in found.models]
+    assert [m.fit_rms for m in again.models] == [m.fit_rms for m in found.models]
+
+
+def test_a_rival_that_does_nothing_changes_nothing(bench):
+    """The drive never comes near its limit."""
+    names = ["coulomb_friction", "viscous_friction"]
+    (_, found, _), (_, beside, _) = (
+        searched(bench, [DRY], [*names, *more]) for more in ((), ("torque_limit",))
+    )
+    assert found.best.names == beside.best.names == ("coulomb_friction",)
+    assert found.best.parts == beside.best.parts
+    assert beside.best.fit_rms == found.best.fit_rms
+
+
+@pytest.mark.parametrize("noise", [0.1, 1.0, 6.0])
+def test_the_robust_loss_is_as_wide_as_three_deviations_of_noise_and_of_floors(noise):
+    residual = noise * np.random.default_rng(0).normal(size=20_000)
+    search = SimpleNamespace(case=SimpleNamespace(vector=lambda specs, overrides: residual))
+    width = Search._scale(search, SimpleNamespace(specs=[], overrides={}))
+    assert width == pytest.approx(3.0 * max(noise, 1.0), rel=0.03)

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -17,6 +18,8 @@ from loco_learning.gap.probability import prices
 from loco_learning.gap.recordings.record import Record
 from loco_sim.effects.offers import Hints
 from loco_sim.plant.model import Model
+
+from .. import laws
 
 NOISE = 5e-4
 TILT = {"name": "slope", "pitch": 0.05}
@@ -59,3 +62,22 @@ def test_only_what_is_seen_is_paid(case):
     assert offset.score.n_eff == pytest.approx(1000.0, rel=0.1)
     assert prices.occam(replace(offset, seen=2), replace(slope, seen=2)) == 0.0
     assert prices.occam(replace(offset, seen=2), replace(slope, seen=1)) == pytest.approx(blind)
+
+
+@pytest.mark.parametrize("x", [0.0, 1.0, laws.TORQUE.inverse(laws.TORQUE.high)])
+@pytest.mark.parametrize(("response", "count"), [(0.9, 0), (1.1, 1)])
+def test_a_size_is_seen_by_its_typical_change_within_its_bounds(x, response, count):
+    model = replace(laws.fitted(laws.COULOMB), parts=((laws.COULOMB, (x,)),))
+    deviation = model.score.scale * np.sqrt(model.score.tau[0][0])
+
+    def whitened(specs, overrides, coarse):
+        (spec,) = specs
+        asked.append(laws.TORQUE.inverse(spec["torque"]))
+        change = (asked[-1] - x) / max(1.0, x) * response * deviation
+        return [np.where((np.arange(500) == 0)[:, None] & [True, False], change, 0.0)]
+
+    asked = []
+    case = SimpleNamespace(cap=1e3, whitened=whitened)
+    case.kept = lambda: case
+    assert seen(case, model) == count
+    assert abs(asked[1] - x) == pytest.approx(0.05 * max(1.0, x))

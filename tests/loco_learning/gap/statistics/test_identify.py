@@ -80,6 +80,12 @@ def test_dead_and_weak_parameters_are_listed():
     assert nothing.dead == ("a",)
 
 
+@pytest.mark.parametrize(("error", "weak"), [(0.9, False), (1.0, False), (1.1, True)])
+def test_a_parameter_is_weak_if_its_error_is_larger_than_its_typical_size(error, weak):
+    found = identify.analyse(np.full((4, 1), 0.5 / error), ["a"])
+    assert found.errors == pytest.approx(error) and bool(found.weak) is weak
+
+
 def test_identical_columns_do_not_break():
     found = identify.analyse(columns(np.sin, np.sin), ["a", "b"])
     assert (found.errors > 1e3).all()

@@ -58,3 +58,13 @@ def test_a_size_of_either_sign_keeps_its_two_sides():
 
     assert ends(cost, -2.0, 1.5, PROMISED, False) == (-3.5, -0.5)
     assert STEPS > 2
+
+
+def test_an_end_costs_at_least_what_derivatives_promise():
+    """Towards 0 the first share that costs it, on a side that they put beyond 0."""
+
+    def cost(x):
+        return PROMISED * ((x - 1.0) / 0.5) ** 2
+
+    assert ends(cost, 1.0, 1.5, PROMISED, True)[0] == 0.5
+    assert ends(lambda x: 0.99 * cost(x), 1.0, 1.5, PROMISED, True)[0] == 0.25

@@ -17,6 +17,12 @@ def test_small_residuals_stay_and_large_ones_shrink():
     assert np.array_equal(np.sign(out), np.sign(r))
 
 
+@pytest.mark.parametrize("factor", [0.1, 7.0])
+def test_residual_and_scale_in_another_unit_shrink_alike(factor):
+    r = np.array([0.3, -2.0, 40.0])
+    assert soft(factor * r, factor * 1.5) == pytest.approx(factor * soft(r, 1.5))
+
+
 def test_a_straight_problem_is_solved_in_few_evaluations():
     rng = np.random.default_rng(3)
     a, truth = rng.normal(size=(200, 2)), np.array([0.7, -0.4])
@@ -156,3 +162,15 @@ def test_a_step_to_where_nothing_happens_is_not_the_end(stiffness):
     found = minimise(fun, np.array([stiffness, 0.0]), OPEN, 0.12, 40)
     assert found.cost < 1.0
     assert found.z == pytest.approx([5.0, np.log(0.98 / 0.8) / 0.7], rel=0.01)
+
+
+def test_a_gain_of_a_thousandth_of_the_cost_is_the_end():
+    """After a difference of each coordinate and one step, however many more would gain a little."""
+
+    def fun(z):
+        return np.array([1000.0, *(10.0 * z + 3.0 * z**2)])
+
+    found = minimise(fun, np.array([1.0, 1.0]), OPEN, 0.1, 40)
+    assert found.evaluations == 1 + 2 + 1
+    without = minimise(lambda z: fun(z)[1:], np.array([1.0, 1.0]), OPEN, 0.1, 40)
+    assert without.evaluations > 4 and without.cost < 0.5

@@ -89,6 +89,16 @@ def test_a_small_gap_that_something_negligible_explains_is_none(delay, gap, verd
     assert ("too small to matter" in found.evidence) == (verdict == NO_GAP)
 
 
+@pytest.mark.parametrize(("loudest", "verdict"), [(1.0, NO_GAP), (1.01, NAMED)])
+def test_a_gap_is_small_up_to_the_rms_of_the_criterion(loudest, verdict):
+    size = Coordinate("delay", 1.0, (1.0,), 0.0, 1.0, "s", strength=True)
+    late = Hypothesis("actuation_delay", "knee", (), (size,))
+    sign = np.where(np.arange(500) % 2, 1.0, -1.0)[:, None]
+    base = fitted(whole=[loudest * CRITERION.trifle * sign] * 3)
+    found = decided(base, [replace(fitted(late, whole=[0.9 * sign] * 3), parts=((late, (1e-5,)),))])
+    assert found.verdict == verdict
+
+
 def test_laws_of_one_kind_that_cannot_be_told_apart_have_that_kind():
     found = said((0.0, RUBS), (0.0, VISCOUS))
     assert found.rulings[0].kind == EFFECTS[RUBS].identity.kind != ""

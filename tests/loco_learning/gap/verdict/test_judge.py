@@ -203,7 +203,8 @@ def judged(monkeypatch):
         case = Some(forward=forward, floor=np.ones(1), bends=False,
                     corrected=lambda specs, overrides: None)  # fmt: skip
         search = Some(
-            params=Some(seed=0, accuracy=0.0, free_spread=0.3), nominal={}, setting=None, asked=False,
+            params=Some(seed=0, accuracy=0.0, free_spread=0.3), nominal={}, setting=None,
+            asked=False,
             energy=lambda m: np.log(m.fit_rms * m.held.rms), in_reach=lambda model, among: True,
             each=lambda function, tasks: [task[0] for task in tasks],
         )  # fmt: skip
@@ -298,9 +299,7 @@ def test_a_model_is_fitted_to_convergence_once_and_again_if_a_better_start_is_fo
     ("explains", "crowd", "verdict"),
     [(True, "", NAMED), (True, "3 of 4", MORE), (False, "", MORE), (False, "3 of 4", UNKNOWN)],
 )
-def test_values_on_their_bounds_lower_a_verdict_by_one_step(
-    monkeypatch, explains, crowd, verdict
-):
+def test_values_on_their_bounds_lower_a_verdict_by_one_step(monkeypatch, explains, crowd, verdict):
     base, best = fitted(rms=9.0), fitted(DRY, rms=0.0 if explains else 2.5)
     decision = decide(weigh([base, best], 0), best, base, base)
     surely = {best.parts[0][0].key: (Estimate("torque", 1.0, 0.9, 1.1, most=1.0),)}
@@ -316,6 +315,36 @@ def test_values_on_their_bounds_lower_a_verdict_by_one_step(
     assert found.decision.names == (() if verdict == UNKNOWN else (DRY,))
     on_bound, settings = found.alarms
     assert "on the bound" in on_bound and settings == "of 1"
+
+
+@pytest.mark.parametrize(
+    ("best", "gap", "adequate", "refitted", "told"),
+    [
+        ("", 3.0, True, True, True),
+        ("", 0.0, True, True, False),  # there was no gap
+        ("", 3.0, False, True, False),  # the values do not explain it
+        ("", 3.0, True, False, False),  # none changed
+        (DRY, 9.0, True, True, False),  # an effect explains it
+    ],
+)
+def test_values_of_the_robot_are_the_answer_if_they_alone_explain_a_gap(
+    best, gap, adequate, refitted, told, monkeypatch
+):
+    given, base = fitted(rms=gap), fitted(rms=gap if best else 0.0)
+    model = fitted(best) if best else base
+    weights = weigh([base, fitted(DRY)], 0)
+    decision = decide(weights, model, given, base)
+    sizes = {h.key: (Estimate("torque", 1.0, 0.9, 1.1),) for h, _ in model.parts}
+    result = judge.Judged(decision, given, base, model, weights, sizes, (), None)
+    monkeypatch.setattr(judge.Judgement, "result", lambda self: result)
+    monkeypatch.setattr(judge.traded, "little_off", lambda *args: ["kp (1 to 2)"] * refitted)
+    monkeypatch.setattr(judge.stable, "rows", lambda *args: [])
+    search = Some(
+        params=Some(seed=0, free_spread=0.3), nominal={}, adequate=lambda model: adequate
+    )  # fmt: skip
+    found = judge.judge(Some(loose=None), search, Some(base=base, given=given, models=[model]))
+    assert found.decision.verdict == (NAMED if best else NO_GAP)
+    assert ("a little off. With kp (1 to 2) refitted" in found.decision.evidence) is told
 
 
 def test_sensitivities_of_a_model_are_computed_once_and_anew_for_another_fit(monkeypatch):

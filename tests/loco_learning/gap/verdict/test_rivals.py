@@ -1,20 +1,17 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Rivals of an effect, and the intervals of its parameters."""
+"""Rivals of an effect."""
 
 from __future__ import annotations
 
 from dataclasses import replace
 
-import numpy as np
-import pytest
-
 from loco_learning.gap.fitting.fit import Fitted
 from loco_learning.gap.fitting.screen import Screened
 from loco_learning.gap.hypotheses.hypotheses import Hypothesis
-from loco_learning.gap.verdict import rivals, sensitivity
+from loco_learning.gap.verdict import rivals
 from loco_sim.effects import EFFECTS
 
-from ..laws import COMMAND_DELAY, COULOMB, STRIBECK, TORQUE, fitted, hypothesis
+from ..laws import COMMAND_DELAY, COULOMB, TORQUE, fitted, hypothesis
 
 
 def test_of_each_other_effect_the_best_is_tried_look_alikes_first():
@@ -47,34 +44,3 @@ def test_a_few_names_and_a_few_places_are_weighed_the_best_of_each():
     laws = [m.parts[1][0] for m in kept]
     assert laws == [*places[:2], *names[: 2 * rivals.RIVAL_NAMES : 2]]
     assert len(places[:2]) == rivals.RIVAL_PLACES
-
-
-def test_intervals_are_in_the_unit_and_may_pass_zero():
-    strength, shape = sensitivity.estimates(
-        STRIBECK, [1.0, 0.0], np.array([2.0, 0.98]), np.array([0.2, 0.2]), np.array([2.0, np.nan])
-    )
-    assert strength.value == pytest.approx(0.05)
-    assert strength.low == pytest.approx(0.05 - 2.0 * 0.05)
-    assert not strength.excludes_absent
-    surer, _ = sensitivity.estimates(STRIBECK, [1.0, 0.0], np.array([0.5, 0.98]), *np.zeros((2, 2)))
-    assert surer.low == pytest.approx(0.5 * 0.05) and surer.excludes_absent
-    assert (strength.absent, strength.sign) == (0.0, 1)
-    assert strength.spread == pytest.approx(0.01)
-    assert shape.absent is None
-    assert shape.low == pytest.approx(0.1 * np.exp(-0.98))
-    wide = np.array([np.inf, 1.0])
-    unknown, _ = sensitivity.estimates(STRIBECK, [1.0, 0.0], wide, np.zeros(2), wide)
-    assert (unknown.low, unknown.high) == (-np.inf, np.inf) and not unknown.excludes_absent
-
-
-def test_an_effect_of_which_size_and_shape_show_together_is_there():
-    """A cable's stiffness and free length may show as one force: neither is known by itself."""
-    wide, sure = np.array([9.0, 9.0]), np.array([0.1, np.nan])
-    strength, shape = sensitivity.estimates(STRIBECK, [1.0, 0.0], wide, np.zeros(2), sure)
-    assert strength.low < 0.0 < strength.high
-    assert strength.excludes_absent and not shape.excludes_absent
-
-
-def test_halves_follow_flat():
-    whole = [np.zeros((4, 2)), np.zeros((2, 2))]
-    assert sensitivity.halves(whole).tolist() == [0] * 4 + [1] * 4 + [2] * 2 + [3] * 2

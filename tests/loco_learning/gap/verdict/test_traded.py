@@ -11,6 +11,7 @@ from loco_learning.gap.fitting.fit import Fitted
 from loco_learning.gap.hypotheses.hypotheses import Hypothesis
 from loco_learning.gap.prediction.loose import MOST, Loose
 from loco_learning.gap.statistics import evidence
+from loco_learning.gap.statistics.leftover import LIMITS
 from loco_learning.gap.verdict import traded
 from loco_learning.gap.verdict.estimates import ALARMS
 from loco_sim.effects.coordinates import Coordinate
@@ -126,6 +127,16 @@ def test_many_values_on_their_bounds_are_one_line(on, of, told):
     assert text.startswith(f"{on} of {of} values on their bound") == told == bool(text)
     found = traded.strayed(case, one)
     assert len(found) == (1 if told else on)
+
+
+@pytest.mark.parametrize("of", [9, 11, 30, 40])
+def test_as_many_on_their_bounds_as_chance_makes_once_in_a_hundred_robots_are_told(of):
+    values = np.abs(np.random.default_rng(of).normal(size=(100_000, of)))
+    count = (values > MOST).sum(1)
+    first = next(on for on in range(1, of) if np.mean(count >= on) < LIMITS.rare)
+    for on in (first - 1, first):
+        case, one = refitted([MOST] * on + [0.3] * (of - on))
+        assert bool(traded.crowded(case, one)) is (on == first)
 
 
 def test_a_value_on_its_bound_or_within_chance_stays_as_it_was():

@@ -37,7 +37,7 @@ _NAMING = {
     ),
     "fitting": ("fit", "residual", "screen", "search", "seen"),
 }  # fmt: skip
-_ELSEWHERE = {"sensitivity": "verdict/test_rivals", "free": "prediction/test_led"}
+_ELSEWHERE = {"free": "prediction/test_led"}
 # Modules that protect a robot, a recording or a verdict, with the tests that must detect changes.
 PROTECTING: dict[str, tuple[str, ...]] = {
     "src/loco_sim/loco_sim/plant/safety.py": ("tests/loco_sim/plant/test_safety.py",),

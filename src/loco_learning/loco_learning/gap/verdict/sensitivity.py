@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 
 import numpy as np
 
@@ -108,7 +107,7 @@ def estimates(
         both = (ends or {}).get(j, (at - half_width, at + half_width))
         if both[0] > 0.0 or both[1] < 0.0:  # a profile that excludes 0 overrides derivatives
             deviation = min(deviation, abs(at) - 1e-12) if j in (ends or {}) else deviation
-        both = sorted(_unbounded(c, end) for end in both)
+        both = sorted(c.unbounded(end) if np.isfinite(end) else end for end in both)
         sign = 1 if passive and c.strength and c.one_sided else 0
         size = (c.origin, sign, *abs(c.size * np.r_[wide, deviation])) if c.strength else (None,)
         result.append(Estimate(c.label, c.value(at), *both, c.unit, c.low, c.high, *size))
@@ -193,10 +192,3 @@ def _column(
     moved = case.whitened(specs, overrides)
     change = identify.flat([a - b for a, b in zip(moved, here, strict=True)])
     return np.clip(change, -case.cap, case.cap) / step
-
-
-def _unbounded(c, x: float) -> float:
-    """Parameter at a coordinate without regard to bounds, so that an interval may include 0."""
-    if not np.isfinite(x):
-        return float(x)
-    return float(replace(c, low=-np.inf, high=np.inf).value(x))

@@ -1,0 +1,107 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Intervals of the parameters of an effect, from what the residuals change with each of them."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from loco_learning.gap.statistics import identify
+from loco_learning.gap.verdict import sensitivity
+
+from ..laws import STRIBECK, fitted
+
+KP, ROWS = "drives.knee.kp", 500
+TIME = np.linspace(0.0, 20.0, ROWS)
+
+
+class Straight:
+    """A case whose residuals are straight lines in the coordinates of a friction and in a gain.
+
+    Args:
+        size: What changes per typical torque, (T,).
+        shape: What changes per unit of the logarithm of the velocity, (T,).
+        gain: What changes per unit of the logarithm of the gain, (T,).
+        off: A residual that no parameter changes, (T,).
+    """
+
+    cap = 1e6
+
+    def __init__(self, size, shape, gain, off=0.0):
+        self.lines, self.off = (size, shape, gain), off
+        self.forward = SimpleNamespace(begun=lambda: [[]])
+
+    def kept(self):
+        return self
+
+    def whitened(self, specs, overrides):
+        (spec,) = specs
+        at = spec["torque"] / 0.05, np.log(spec["velocity"] / 0.1), np.log(overrides[KP])
+        row = self.off + sum(x * line for x, line in zip(at, self.lines, strict=True))
+        return [np.stack([row, np.zeros(ROWS)], axis=1)]
+
+
+def model():
+    return replace(fitted(STRIBECK), overrides={KP: 1.0})
+
+
+@pytest.mark.parametrize("off", [0.0, 30.0 * np.cos(3.0 * TIME)])
+def test_sensitivities_of_a_straight_model_are_its_lines_whatever_is_left(off):
+    lines = np.sin(TIME), np.cos(TIME), np.sin(2.3 * TIME)
+    _, analysis = sensitivity.sensitivities(Straight(*lines, off), model())
+    weight = identify.weights(model().score)[::2]
+    known = [1.0 / np.sqrt(weight @ np.square(line)) for line in lines]
+    assert analysis.errors_alone == pytest.approx(known)
+
+
+@pytest.mark.parametrize("x", [0.0, 1.0, 200.0])
+def test_a_size_on_its_bound_is_as_sure_as_any(x):
+    at = replace(model(), parts=((STRIBECK, (x, 0.0)),))
+    case = Straight(*(5.0 * np.sin(k * TIME) for k in (1.0, 1.7, 2.3)))
+    found, known = (sensitivity.sensitivities(case, m)[0][STRIBECK.key][0] for m in (at, model()))
+    assert found.high - found.low == pytest.approx(known.high - known.low)
+
+
+def test_a_size_that_only_a_shape_or_a_gain_may_replace_is_there_or_not():
+    """A shape cannot make up for an effect that is absent; a value of the robot can."""
+    size, like = 5.0 * np.sin(TIME), 5.0 * np.sin(TIME) + 0.01 * np.cos(TIME)
+    other = 5.0 * np.sin(2.3 * TIME)
+    for lines, there in (((size, like, other), True), ((size, other, like), False)):
+        estimates, _ = sensitivity.sensitivities(Straight(*lines), model())
+        strength, shape = estimates[STRIBECK.key]
+        assert strength.low < 0.0 < strength.high
+        assert bool(strength.excludes_absent) is there and not shape.excludes_absent
+
+
+def test_intervals_are_in_the_unit_and_may_pass_zero():
+    strength, shape = sensitivity.estimates(
+        STRIBECK, [1.0, 0.0], np.array([2.0, 0.98]), np.array([0.2, 0.2]), np.array([2.0, np.nan])
+    )
+    assert strength.value == pytest.approx(0.05)
+    assert strength.low == pytest.approx(0.05 - 2.0 * 0.05)
+    assert not strength.excludes_absent
+    surer, _ = sensitivity.estimates(STRIBECK, [1.0, 0.0], np.array([0.5, 0.98]), *np.zeros((2, 2)))
+    assert surer.low == pytest.approx(0.5 * 0.05) and surer.excludes_absent
+    assert (strength.absent, strength.sign) == (0.0, 1)
+    assert strength.spread == pytest.approx(0.01)
+    assert shape.absent is None
+    assert shape.low == pytest.approx(0.1 * np.exp(-0.98))
+    wide = np.array([np.inf, 1.0])
+    unknown, _ = sensitivity.estimates(STRIBECK, [1.0, 0.0], wide, np.zeros(2), wide)
+    assert (unknown.low, unknown.high) == (-np.inf, np.inf) and not unknown.excludes_absent
+
+
+def test_an_effect_of_which_size_and_shape_show_together_is_there():
+    """A cable's stiffness and free length may show as one force: neither is known by itself."""
+    wide, sure = np.array([9.0, 9.0]), np.array([0.1, np.nan])
+    strength, shape = sensitivity.estimates(STRIBECK, [1.0, 0.0], wide, np.zeros(2), sure)
+    assert strength.low < 0.0 < strength.high
+    assert strength.excludes_absent and not shape.excludes_absent
+
+
+def test_halves_follow_flat():
+    whole = [np.zeros((4, 2)), np.zeros((2, 2))]
+    assert sensitivity.halves(whole).tolist() == [0] * 4 + [1] * 4 + [2] * 2 + [3] * 2
