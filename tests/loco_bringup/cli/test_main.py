@@ -193,6 +193,13 @@ def test_lists_show_what_there_is(run):
         assert word in out
 
 
+def test_a_name_is_shown_with_what_it_is(run):
+    code, out, _ = run("list", "coulomb_friction")
+    assert code == 0 and "friction torque [N·m]" in out and "viscous_friction" not in out
+    assert "hyq_short" in run("list", "hyq_short")[1]
+    assert all(name in parser("list").format_help() for name in listing._LISTS)
+
+
 def test_schemas_go_to_the_screen_or_to_files(run, tmp_path):
     code, out, _ = run("schema", "wiring")
     assert code == 0
@@ -363,7 +370,7 @@ def test_a_shell_completes_commands_options_and_names(run, tmp_path, monkeypatch
 
 
 CHOICES = [
-    ("list", "what", listing._LISTS), ("schema", "kind", KINDS), ("reproduce", "what", WHAT),
+    ("schema", "kind", KINDS), ("reproduce", "what", WHAT),
     ("export-model", "to", TARGETS), ("export-model", "gear", GEARS), ("export", "format", FORMATS),
     ("run", "layout", (*LAYOUTS, "rollout")), ("replay --verify", "layout", LAYOUTS),
     ("calibrate", "parameters", SETS), ("calibrate", "loss", LOSSES),

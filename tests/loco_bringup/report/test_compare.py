@@ -68,6 +68,12 @@ def test_joints_of_all_runs_lie_on_the_same_axes(log):
     assert np.isnan(other.values[50:]).all()
 
 
+def test_more_runs_than_colours_are_dashed(log):
+    (panel, *_) = compare.joints({str(k): log for k in range(10)}).panels
+    looks = [(line.color, line.dashed) for line in panel.lines]
+    assert len(set(looks)) == 10 and looks[0][0] == looks[8][0]
+
+
 def test_what_cannot_be_compared_is_refused_in_a_line(tmp_path):
     for name in (SINE, "tigrillo_hold"):
         run_rollout(load(name, {"duration": 0.5}),
@@ -75,7 +81,7 @@ def test_what_cannot_be_compared_is_refused_in_a_line(tmp_path):
     one, other = tmp_path / SINE, tmp_path / "tigrillo_hold"
     with pytest.raises(ParameterError, match="compare runs of one robot"):
         compare.read_runs([one, other])
-    with pytest.raises(ParameterError, match="2 to 8 bags"):
+    with pytest.raises(ParameterError, match="2 to 16 bags"):
         compare.read_runs([one])
     with pytest.raises(ParameterError, match="one name"):
         compare.read_runs([one, one])

@@ -4,12 +4,13 @@
 from __future__ import annotations
 
 import argparse
+import dataclasses
 import json
 import sys
 from collections.abc import Callable
 from pathlib import Path
 
-from loco_control.exceptions import LocoError, ParameterError
+from loco_control.exceptions import LocoError, NameUnknownError, ParameterError
 from loco_control.files import write_whole
 from loco_control.ros.messages.joint_topics import TABLES
 from loco_learning.runs import experiment
@@ -24,11 +25,29 @@ from .table import COMMANDS, parser
 
 
 def show(a: argparse.Namespace) -> int:
-    """`loco list`: print one list, or all of them."""
-    for name in [a.what] if a.what else _LISTS:
-        title, columns, rows = _LISTS[name]()
+    """`loco list`: print all lists, one of them, or what has a name.
+
+    Raises:
+        NameUnknownError: There is no such list, and nothing of this name in any.
+    """
+    lists = {name: _LISTS[name]() for name in ([a.what] if a.what in _LISTS else _LISTS)}
+    unfiltered = a.what in (None, *_LISTS)
+    tables = [(title, columns, rows if unfiltered else [r for r in rows if r[0] == a.what])
+              for title, columns, rows in lists.values()]  # fmt: skip
+    if a.what in effects.EFFECTS:
+        tables.append(_parameters(a.what))
+    tables = [entry for entry in tables if unfiltered or entry[2]]
+    for title, columns, rows in tables:
         console.print(table(title, columns, rows))
+    if not tables:
+        raise NameUnknownError("list, or entry of a list,", a.what, _LISTS)
     return 0
+
+
+def _parameters(effect: str) -> tuple[str, tuple, list]:
+    fields = dataclasses.fields(effects.EFFECTS[effect])
+    rows = [(f.name, f"{f.metadata['doc']} [{f.metadata['unit']}]") for f in fields]
+    return "Parameters", ("name", "meaning"), rows
 
 
 def _experiments() -> tuple[str, tuple, list]:
@@ -103,7 +122,7 @@ def show_completion(a: argparse.Namespace) -> int:
 
     Other arguments are completed with file names, and with the names that the commands accept.
     """
-    names = {"run": [*experiment.names()], "study": [*study.names()]}
+    names = {"run": [*experiment.names()], "study": [*study.names()], "list": [*_LISTS]}
     names["help"] = sorted({name.partition(" ")[0] for name in COMMANDS})
     for name, command in COMMANDS.items():
         first, _, second = name.partition(" ")

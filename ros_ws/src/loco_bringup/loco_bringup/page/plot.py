@@ -38,7 +38,7 @@ class Line:
         values: Values, (N,); NaN where unknown.
         color: Colour on a light page, as ``#rrggbb``.
         width: Width [pixel].
-        dashed: True for a bound in place of a signal.
+        dashed: Whether the line is dashed, as a bound is.
     """
 
     name: str

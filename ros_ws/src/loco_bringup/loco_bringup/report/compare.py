@@ -35,6 +35,7 @@ from .joint_figures import short
 from .parts import label, unit
 
 PAGE = Path("results/compare.html")
+MOST = 2 * len(PALETTE)  # largest number of runs; those after the first colours are dashed
 
 
 def show_comparison(a: argparse.Namespace) -> int:
@@ -58,13 +59,13 @@ def read_runs(bags: list[Path]) -> dict[str, Log]:
     """Logs of runs, by the name of their bag.
 
     Raises:
-        ParameterError: There are fewer than two runs, more than colours, two with the same name,
+        ParameterError: There are fewer than two runs or more than `MOST`, two with the same name,
             or runs of different robots or control periods.
         BagError: A bag is no run of a robot.
     """
     names = [bag.resolve().name for bag in bags]
-    if not 2 <= len(bags) <= len(PALETTE):
-        raise ParameterError(f"name 2 to {len(PALETTE)} bags to compare, got {len(bags)}")
+    if not 2 <= len(bags) <= MOST:
+        raise ParameterError(f"name 2 to {MOST} bags to compare, got {len(bags)}")
     if len(set(names)) < len(names):
         raise ParameterError(f"bags of one name cannot be told apart: {', '.join(names)}")
     logs = {name: read_log(open_bag(bag)) for name, bag in zip(names, bags, strict=True)}
@@ -228,19 +229,19 @@ def _overlay(logs: Mapping[str, Log], signals: Mapping[str, object]) -> Plot:
     panels = []
     for name, signal in signals.items():
         lines = []
-        for (run, log), color in zip(logs.items(), PALETTE, strict=False):
-            values = np.full(len(longest), np.nan)
+        for i, (run, log) in enumerate(logs.items()):
+            values, color = np.full(len(longest), np.nan), PALETTE[i % len(PALETTE)]
             values[: len(log)] = signal(log)
-            lines.append(Line(run, values, color))
+            lines.append(Line(run, values, color, dashed=i >= len(PALETTE)))
         panels.append(Panel(name, lines))
     return Plot(longest.t, panels, spans(longest), view=close_look(min(logs.values(), key=len)))
 
 
-def _table(logs: Mapping[str, Log], found: Sequence[Compared]) -> Markup:
+def _table(logs: Mapping[str, Log], comparisons: Sequence[Compared]) -> Markup:
     name, *_ = logs
     head = ["Run", "Phase", "Metric", name, "The run", "Difference (interval)", "Matters from",
             "Unit", "Differs"]  # fmt: skip
-    rows = [(one, row) for one in found for row in one.rows]
+    rows = [(one, row) for one in comparisons for row in one.rows]
     rows.sort(key=lambda pair: not pair[1].kind)
     cells = [
         [

@@ -132,7 +132,8 @@ def robot_new(p: ArgumentParser) -> None:
 def list_(p: ArgumentParser) -> None:
     """Options of `loco list`."""
     names = ("experiments", "robots", "studies", "effects", "topics", "bags")
-    p.add_argument("what", nargs="?", choices=names, help="one of the lists (default: all)")
+    text = f"one of the lists ({', '.join(names)}; default: all), or a name in them"
+    p.add_argument("what", nargs="?", metavar="NAME", help=text)
 
 
 @command("schema", "cli.listing:show_schema", "print the JSON Schema of a kind of YAML file, by "
