@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from loco_learning.gap.probability.weights import CRITERION, NOTHING, smallest, weigh
+from loco_learning.gap.probability.weights import CRITERION, NOTHING, Weights, smallest, weigh
 from loco_learning.gap.statistics import evidence
 from loco_sim.effects import EFFECTS
 from loco_sim.effects.coordinates import Coordinate
@@ -37,6 +37,13 @@ def test_the_order_of_models_and_of_records_does_not_matter():
         assert np.allclose(again.values, first.values)
     turned = [replace(m, whole=m.whole[::-1]) for m in models]
     assert weigh(turned, 0).effect(RUBS) == pytest.approx(first.effect(RUBS), abs=0.02)
+
+
+def test_places_of_equal_probability_are_in_the_order_of_their_names():
+    models = [fitted(law(RUBS, place)) for place in ("knee", "hip", "toe")]
+    for order in itertools.permutations(models):
+        found = Weights(tuple(order), np.array([0.25, 0.25, 0.25])).places_of(RUBS)
+        assert list(found.items()) == [("hip", 0.25), ("knee", 0.25), ("toe", 0.25)]
 
 
 def test_models_that_leave_the_same_share_the_probability():

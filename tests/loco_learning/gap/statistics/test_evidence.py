@@ -157,6 +157,17 @@ def test_closed_share():
     assert evidence.closed(1.0, 0.9) == 0.0
 
 
+@pytest.mark.parametrize("spread", [0.0, 1.0, 6.0])
+def test_expected_odds_of_a_gain_and_of_a_loss_are_inverse_and_those_of_its_normal_law(spread):
+    for gain in (0.0, 1.0, 5.0, 1e4):
+        assert evidence.odds(gain, spread) * evidence.odds(-gain, spread) == pytest.approx(1.0)
+    drawn = 3.0 + spread * np.random.default_rng(0).normal(size=100_000)
+    mean = np.mean(1.0 / (1.0 + np.exp(-drawn)))
+    assert evidence.odds(3.0, spread) / (1.0 + evidence.odds(3.0, spread)) == pytest.approx(
+        mean, abs=0.02
+    )
+
+
 def test_what_is_closed_depends_on_no_unit():
     shares = [evidence.closed(*(unit * np.array([9.0, 4.0, 2.0]))) for unit in (0.3, 1.0, 5.0)]
     assert shares == pytest.approx([1.0 - np.sqrt(12.0 / 77.0)] * 3)

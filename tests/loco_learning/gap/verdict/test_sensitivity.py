@@ -12,35 +12,40 @@ import pytest
 from loco_learning.gap.statistics import identify
 from loco_learning.gap.verdict import sensitivity
 
-from ..laws import STRIBECK, fitted
+from ..laws import COULOMB, STRIBECK, TORQUE, fitted, hypothesis
 
 KP, ROWS = "drives.knee.kp", 500
 TIME = np.linspace(0.0, 20.0, ROWS)
 
 
 class Straight:
-    """A case whose residuals are straight lines in the coordinates of a friction and in a gain.
+    """A case whose residuals are straight lines in the coordinates of frictions and in a gain.
 
     Args:
         size: What changes per typical torque, (T,).
         shape: What changes per unit of the logarithm of the velocity, (T,).
         gain: What changes per unit of the logarithm of the gain, (T,).
+        dry: What changes per typical torque of Coulomb friction, (T,).
         off: A residual that no parameter changes, (T,).
     """
 
     cap = 1e6
 
-    def __init__(self, size, shape, gain, off=0.0):
-        self.lines, self.off = (size, shape, gain), off
+    def __init__(self, size, shape, gain, off=0.0, dry=0.0):
+        self.lines, self.off, self.dry = (size, shape, gain), off, dry
         self.forward = SimpleNamespace(begun=lambda: [[]])
 
     def kept(self):
         return self
 
     def whitened(self, specs, overrides):
-        (spec,) = specs
-        at = spec["torque"] / 0.05, np.log(spec["velocity"] / 0.1), np.log(overrides[KP])
-        row = self.off + sum(x * line for x, line in zip(at, self.lines, strict=True))
+        row = self.off + np.log(overrides.get(KP, 1.0)) * self.lines[2]
+        for spec in specs:
+            if "velocity" in spec:
+                row = row + spec["torque"] / 0.05 * self.lines[0]
+                row = row + np.log(spec["velocity"] / 0.1) * self.lines[1]
+            else:
+                row = row + spec["torque"] / 0.05 * self.dry
         return [np.stack([row, np.zeros(ROWS)], axis=1)]
 
 
@@ -63,6 +68,35 @@ def test_a_size_on_its_bound_is_as_sure_as_any(x):
     case = Straight(*(5.0 * np.sin(k * TIME) for k in (1.0, 1.7, 2.3)))
     found, known = (sensitivity.sensitivities(case, m)[0][STRIBECK.key][0] for m in (at, model()))
     assert found.high - found.low == pytest.approx(known.high - known.low)
+
+
+def test_each_effect_has_the_intervals_of_its_own_in_any_order():
+    case = Straight(*(5.0 * np.sin(k * TIME) for k in (1.0, 1.7, 2.3)), dry=np.sin(4.1 * TIME))
+    parts = (STRIBECK, (1.0, 0.0)), (COULOMB, (1.0,))
+    first, second = (
+        sensitivity.sensitivities(case, replace(model(), parts=order))[0]
+        for order in (parts, parts[::-1])
+    )
+    for key in (STRIBECK.key, COULOMB.key):
+        widths = [[e.high - e.low for e in found[key]] for found in (first, second)]
+        assert widths[0] == pytest.approx(widths[1])
+    widths = [found[0].high - found[0].low for found in (first[COULOMB.key], first[STRIBECK.key])]
+    assert widths[0] == pytest.approx(5.0 * widths[1], rel=0.2)
+
+
+@pytest.mark.parametrize("weak", [0.02, 1.0])
+def test_profiles_of_straight_lines_are_the_intervals_of_derivatives(weak, monkeypatch):
+    monkeypatch.setattr(
+        sensitivity.doubt, "columns", lambda *args: sensitivity.doubt.none(2 * ROWS)
+    )
+    either = hypothesis("torque_bias", replace(TORQUE, low=-1e3, high=1e3))
+    one = replace(model(), parts=((either, (0.01,)),), overrides={})
+    case = Straight(0.0, 0.0, 0.0, dry=weak * np.sin(TIME))
+    derived, profiled = (
+        sensitivity.sensitivities(case, one, doubtful=doubtful)[0][either.key][0]
+        for doubtful in (False, True)
+    )
+    assert (profiled.low, profiled.high) == pytest.approx((derived.low, derived.high))
 
 
 def test_a_size_that_only_a_shape_or_a_gain_may_replace_is_there_or_not():

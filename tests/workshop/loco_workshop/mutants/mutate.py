@@ -103,8 +103,9 @@ def _mark(tree: ast.Module) -> None:
             hint = name in ("annotation", "returns", "decorator_list")
             for i, child in enumerate(value if isinstance(value, list) else [value]):
                 if isinstance(child, ast.AST):
-                    bound = name in ("args", "keywords") and _is_parameter(node) and i > 0
-                    visit(child, function, skipped or hint or bound)
+                    bound = _is_parameter(node) and (name == "keywords" or name == "args" and i)
+                    check = name == "keywords" and child.arg == "strict"  # of `zip`: an assertion
+                    visit(child, function, skipped or hint or bool(bound) or check)
 
     visit(tree, "", False)
 
@@ -112,6 +113,11 @@ def _mark(tree: ast.Module) -> None:
 def _is_parameter(node: ast.AST) -> bool:
     """Whether a node calls `parameter` of `loco_control.params`, whose bounds are not mutated."""
     return isinstance(node, ast.Call) and getattr(node.func, "id", "") == "parameter"
+
+
+def _logs(statement: ast.Expr) -> bool:
+    """Whether a statement writes to the log, which no behaviour depends on."""
+    return ast.unparse(statement).startswith("log.")
 
 
 def _of(node: ast.AST, tree: ast.Module) -> Iterator[Mutant]:
@@ -132,7 +138,11 @@ def _of(node: ast.AST, tree: ast.Module) -> Iterator[Mutant]:
     for name in ("body", "orelse", "finalbody"):
         block = getattr(node, name, None)
         for i, child in enumerate(block if isinstance(block, list) else []):
-            if isinstance(child, ast.Expr) and isinstance(child.value, ast.Call):
+            if (
+                isinstance(child, ast.Expr)
+                and isinstance(child.value, ast.Call)
+                and not _logs(child)
+            ):
                 yield _changed(child, tree, block, i, ast.Pass())
 
 

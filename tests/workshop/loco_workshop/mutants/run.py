@@ -37,7 +37,6 @@ _NAMING = {
     ),
     "fitting": ("fit", "residual", "screen", "search", "seen"),
 }  # fmt: skip
-_ELSEWHERE = {"free": "prediction/test_led"}
 # Modules that protect a robot, a recording or a verdict, with the tests that must detect changes.
 PROTECTING: dict[str, tuple[str, ...]] = {
     "src/loco_sim/loco_sim/plant/safety.py": ("tests/loco_sim/plant/test_safety.py",),
@@ -62,7 +61,7 @@ PROTECTING: dict[str, tuple[str, ...]] = {
     ),
     **{
         f"src/loco_learning/loco_learning/gap/{folder}/{name}.py": (
-            f"tests/loco_learning/gap/{_ELSEWHERE.get(name, f'{folder}/test_{name}')}.py",
+            f"tests/loco_learning/gap/{folder}/test_{name}.py",
         )
         for folder, names in _NAMING.items()
         for name in names
