@@ -4,6 +4,7 @@
 import functools
 import html as escapes
 import importlib.util
+import io
 import json
 import re
 import shutil
@@ -14,6 +15,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from PIL import Image
 
 from loco_bringup.bag.reader import Bag
 from loco_bringup.calibrate import page as calibration_page
@@ -138,6 +140,23 @@ new MutationObserver(async (_, seer) => {
     if (seen[i] > 200 && seen[i + 1] < 60 && seen[i + 2] < 60) columns.add((i / 4) % width);
   const told = document.body.appendChild(document.createElement("pre"));
   told.id = "told"; told.textContent = JSON.stringify({ share: columns.size / width });
+}).observe(document.documentElement, { attributeFilter: ["data-drawn"] });
+</script></head>"""
+
+# A pointer in the middle of the first plot, and out of it again.
+POINTER = """<script>
+new MutationObserver(async (_, seer) => {
+  seer.disconnect();
+  const pause = () => new Promise((done) => setTimeout(done, 500));
+  charts[0].setCursor({ left: charts[0].over.clientWidth / 2, top: 5 });
+  for (let k = 0; k < 30 && still.width !== 8; k++) await pause();
+  const told = document.body.appendChild(document.createElement("pre"));
+  const seen = still.getContext("2d").getImageData(4, 4, 1, 1).data, moves = [!movie.hidden];
+  charts[0].setCursor({ left: -10, top: -10 });
+  await pause();
+  moves.push(!movie.hidden);
+  told.id = "told";
+  told.textContent = JSON.stringify({ moves, seen: Array.from(seen.slice(0, 3)) });
 }).observe(document.documentElement, { attributeFilter: ["data-drawn"] });
 </script></head>"""
 
@@ -341,6 +360,23 @@ def seen_share(t, values, folder):
     text = html.document("Slow", html.paragraph("A page for a test."), shown)
     text = text.replace('<html lang="en">', '<html lang="en" data-theme="light">')
     return opened(text.replace("</head>", EYE), folder)["share"]
+
+
+def test_the_animation_stands_at_the_time_under_the_pointer(tmp_path):
+    colors = [(0, 0, 0), (255, 0, 0), (0, 0, 255), (0, 255, 0), (255, 255, 255)]
+    first, *others = (Image.new("RGB", (8, 8), color) for color in colors)
+    gif = io.BytesIO()
+    first.save(gif, "GIF", save_all=True, append_images=others, duration=100)
+    plot = Plot(
+        np.linspace(1.0, 3.0, 201), [Panel("q [rad]", [Line("q", np.ones(201), "#000000")])]
+    )
+    shown = [
+        html.part("A log", lambda: html.figure(plot, "A log", "")),
+        html.part("Animation", lambda: html.movie(gif.getvalue(), "It moves.", 1.0, 3.0)),
+    ]
+    text = html.document("Moving", html.paragraph("A page for a test."), shown)
+    told = opened(text.replace("</head>", POINTER), tmp_path)
+    assert told == {"moves": [False, True], "seen": list(colors[2])}
 
 
 def test_what_is_shared_is_the_page_before_anything_was_drawn(tmp_path):

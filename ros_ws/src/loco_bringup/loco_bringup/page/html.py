@@ -226,10 +226,17 @@ def case_panel(details: Mapping[str, Mapping[str, str]]) -> Markup:
     return _block("case_panel", {name: dict(values) for name, values in details.items()})
 
 
-def movie(gif: bytes, text: str) -> Markup:
-    """An animation with its caption."""
+def movie(gif: bytes, text: str, start: float = 0.0, end: float = 0.0) -> Markup:
+    """An animation with its caption; it shows the moment under the pointer of a plot over time.
+
+    Args:
+        gif: The animation, whose pictures are at even times.
+        text: Caption.
+        start: Time of its first picture [s].
+        end: Time of its last picture [s].
+    """
     data = base64.b64encode(gif).decode()
-    return _block("movie", text, Markup(f"data:image/gif;base64,{data}"))
+    return _block("movie", text, Markup(f"data:image/gif;base64,{data}"), start, end)
 
 
 def yaml_block(values: Any) -> Markup:

@@ -218,11 +218,12 @@ def animation(log: MsdLog, path: Path | None) -> Markup:
     """GIF of the end of the run, written to `path` and embedded in the page."""
     if path is None:
         raise BagError("the animation was left out on request")
-    data = render(log, max(0.0, log.t[-1] - SHOWN))
+    start = max(0.0, float(log.t[-1]) - SHOWN)
+    data = render(log, start)
     path.write_bytes(data)
-    text = f"The network at the end of the run, from {max(0.0, log.t[-1] - SHOWN):.1f} s to "
+    text = f"The network at the end of the run, from {start:.1f} s to "
     text += f"{log.t[-1]:.1f} s, in real time. Links driven short are orange, driven long blue."
-    return html.movie(data, text)
+    return html.movie(data, text, start, float(log.t[-1]))
 
 
 def render(log: MsdLog, start: float, fps: float = parts.FPS) -> bytes:

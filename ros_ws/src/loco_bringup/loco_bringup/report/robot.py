@@ -164,7 +164,8 @@ def animation(log: Log, path: Path | None) -> Markup:
     )  # fmt: skip
     pace = "in real time" if speed == 1.0 else f"at {speed:g} of its speed"
     text = f"The robot at the end of the run, {log.t[0]:.2f} s to {log.t[-1]:.2f} s, {pace}."
-    return html.movie(data, text)
+    text += " A pointer at a time in a plot stops it there."
+    return html.movie(data, text, float(log.t[0]), float(log.t[-1]))
 
 
 def driver(log: Log, check: ReadoutCheck | LocoError) -> Markup:

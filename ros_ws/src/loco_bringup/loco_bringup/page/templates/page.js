@@ -44,6 +44,28 @@ function add(parent, tag, className, text) {
   if (text !== undefined) made.textContent = text;
   return made;
 }
+// The animation stands still at the time under the pointer of a plot, where the browser can take it apart.
+const movie = document.querySelector("img.movie"), still = document.createElement("canvas");
+let pictures = null;
+async function showMoment(t) {
+  if (!movie || !window.ImageDecoder) return;
+  if (!pictures) {
+    pictures = new ImageDecoder({ data: (await fetch(movie.src)).body, type: "image/gif" });
+    still.className = "movie"; movie.after(still);
+  }
+  await pictures.completed;
+  const { start, end } = movie.dataset, last = pictures.tracks.selectedTrack.frameCount - 1;
+  const at = t == null ? -1 : Math.round((t - start) / (end - start) * last);
+  movie.hidden = at >= 0 && at <= last; still.hidden = !movie.hidden;
+  still.dataset.at = at;
+  if (still.hidden) return;
+  const { image } = await pictures.decode({ frameIndex: at });
+  if (Number(still.dataset.at) === at) {  // the pointer has not gone on
+    still.width = image.displayWidth; still.height = image.displayHeight;
+    still.getContext("2d").drawImage(image, 0, 0);
+  }
+  image.close();
+}
 // The case that the address names, in the panel of cases.
 function showCase() {
   const panel = document.getElementById("case"), stored = document.getElementById("cases");

@@ -105,6 +105,7 @@ async function drawPlot(figure, data) {
         draw: [(u) => { if (index === 0) shade(u, data.spans, true); }],
         setCursor: [(u) => {
           const i = u.cursor.idx;
+          if (data.axis.startsWith("time [s]")) showMoment(i == null ? null : x[i]);
           read.textContent = i == null ? "" : `${data.axis.split(" ")[0]} ${brief(x[i])}: ` +
             panel.lines.map((l, k) => `${l.name} ${brief(newest(k, i))}`).join(" · ");
         }],
