@@ -7,6 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from loco_control.exceptions import ParameterError
 from loco_learning.gap.fitting.screen import IDLE, _quiet
 from loco_learning.gap.fitting.screen import screen as screened
 from loco_learning.gap.hypotheses import hints
@@ -148,6 +149,22 @@ def test_a_branch_that_is_quiet_is_not_tried_and_explains_nothing():
     bundle = Bundle((laws.COULOMB,), (np.array([True, False]),), passes=True)
     (found,) = screened(case, bundle, [], {}, [0], residual)
     assert (found.share, found.cost, found.dead) == (0.0, 0, False)
+
+
+def test_what_cannot_be_built_explains_nothing_and_does_not_keep_others_from_it():
+    t = np.linspace(0.0, 20.0, 200)
+    late = laws.hypothesis("command_delay", laws.DELAY, place="hip")
+
+    def vector(specs, overrides, only, coarse):
+        if any("delay" in spec for spec in specs):
+            raise ParameterError("no such delay")
+        return (sum(spec["torque"] for spec in specs) - 0.07) * np.sin(t)
+
+    case = SimpleNamespace(vector=vector, channel_of=lambda only: np.zeros(200, int))
+    bundle = Bundle((laws.COULOMB, late), (None, None))
+    rubs, failed = screened(case, bundle, [], {}, [0], vector([], {}, [0], True))
+    assert rubs.share == pytest.approx(1.0) and not rubs.failed
+    assert (failed.share, failed.dead, failed.failed) == (0.0, True, "no such delay")
 
 
 @pytest.mark.parametrize(("count", "share"), [(1, 1.0), (2, 0.9), (3, 0.9)])

@@ -152,3 +152,25 @@ def test_the_robust_loss_is_as_wide_as_three_deviations_of_noise_and_of_floors(n
     search = SimpleNamespace(case=SimpleNamespace(vector=lambda specs, overrides: residual))
     width = Search._scale(search, SimpleNamespace(specs=[], overrides={}))
     assert width == pytest.approx(3.0 * max(noise, 1.0), rel=0.03)
+
+
+@pytest.mark.parametrize(
+    ("rms", "fitted"),
+    [
+        ((1.0, 3.0, 4.0, 5.0), "ab"),
+        ((1.0, 1.05, 1.08, 3.0), "abc"),  # a close race
+        ((1.0, 1.05, 1.08, 1.09, 1.09, 1.09), "abcd"),  # of twice as many at most
+        ((3.0, 1.0, 1.2), "bc"),
+    ],
+)
+def test_the_best_of_a_tournament_are_fitted_and_more_of_them_in_a_close_race(rms, fitted):
+    kept = {}
+    search = object.__new__(Search)
+    search.fits, search.setting, search.params = {}, None, SimpleNamespace(polished=0)
+    wanted = [((SimpleNamespace(key=name), 0.0),) for name, _ in zip("abcdef", rms, strict=False)]
+    search.each = lambda function, tasks: (
+        zip(rms, [parts for parts, *_ in tasks], strict=True) if tasks else ()
+    )
+    search._fit = lambda some: kept.update(dict.fromkeys(parts[0][0].key for parts in some)) or []
+    search._tournament(wanted, 2)
+    assert "".join(sorted(kept)) == fitted
