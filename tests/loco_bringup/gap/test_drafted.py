@@ -15,6 +15,7 @@ import pybullet_data
 import pytest
 
 from loco_bringup.cli import main as cli
+from loco_bringup.gap import page
 from loco_control.reading import read_yaml
 from loco_learning.gap import contents, workflow
 from loco_sim.bolted.loop import needs_engine
@@ -23,6 +24,12 @@ from loco_sim.robot import robot as robots
 from .gap_result import curves, result
 
 T = np.arange(400) / 100.0
+
+
+def test_a_page_about_a_drafted_robot_is_named_by_the_recording():
+    model = {**result()["model"], "robot": "results/gap_steps/drafts/robot"}
+    assert "<title>Gap of steps</title>" in page.page(result(model=model), curves())
+    assert "<title>Gap of servo_pendulum</title>" in page.page(result(), curves())
 
 
 @pytest.fixture

@@ -17,6 +17,7 @@ from loco_sim.robot.robot import load
 from ..page import html, sketch
 from ..page.html import document, part
 from . import plots, tables, text
+from .importing import ROBOT
 
 GOOD = (*text.NAMED, "no gap")
 
@@ -166,7 +167,10 @@ def _model(result: Mapping[str, Any]) -> Markup:
 
 def _robot(result: Mapping[str, Any]) -> str:
     name = Path(str(result["model"]["robot"]))
-    return name.parent.name if name.name == "robot.yaml" else name.name
+    folder = name.parent if name.name == "robot.yaml" else name
+    if (folder / "robot.yaml").match(ROBOT) and result.get("gap"):  # a draft has no name
+        return str(result["gap"]["records"][0]["name"])
+    return folder.name
 
 
 _MEANING = {

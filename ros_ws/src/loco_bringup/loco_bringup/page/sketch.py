@@ -42,15 +42,20 @@ def drawing(robot: Robot, links: Collection[str], where: str) -> Markup:
     """
     frames = link_frames(robot, np.asarray(robot.standing, dtype=float)[None])
     points = {link: VIEW @ origin[0] for link, (_, origin) in frames.items()}
+    bones = [(parent, child) for _, parent, child in _joints(robot)]
+    for link, centre in _last(robot).items():
+        rotation, origin = frames[link]
+        points[f"{link} centre"] = VIEW @ (origin[0] + rotation[0] @ centre)
+        bones.append((link, f"{link} centre"))
     positions = np.array(list(points.values()))
     low, size = positions.min(axis=0), np.ptp(positions, axis=0)
     extent = np.array([WIDTH - 2 * EDGE, HEIGHT - 2 * EDGE])
     scale = float(np.min(extent / np.maximum(size, 1e-3 + 0.02 * size.max())))
     start = (np.array([WIDTH, HEIGHT]) - scale * size) / 2.0
     at = {link: start + scale * (point - low) for link, point in points.items()}
-    bones = [
+    lines = [
         Markup('<line x1="{:.1f}" y1="{:.1f}" x2="{:.1f}" y2="{:.1f}"/>').format(*at[a], *at[b])
-        for _, a, b in _joints(robot)
+        for a, b in bones
     ]
     dots = [Markup('<circle cx="{:.1f}" cy="{:.1f}" r="3"/>').format(*p) for p in at.values()]
     rings = [
@@ -59,7 +64,18 @@ def drawing(robot: Robot, links: Collection[str], where: str) -> Markup:
     ]
     title = f"The robot as it stands, from its right side; marked: {where}"
     frame = Markup('<svg class="robot" viewBox="0 0 {:g} {:g}" role="img" aria-label="{}">{}</svg>')
-    return frame.format(WIDTH, HEIGHT, title, Markup("").join([*bones, *dots, *rings]))
+    return frame.format(WIDTH, HEIGHT, title, Markup("").join([*lines, *dots, *rings]))
+
+
+def _last(robot: Robot) -> dict[str, np.ndarray]:
+    """Centre of mass [m] of each link that carries no other, (3,): it shows where the link is."""
+    carrying = {parent for _, parent, _ in _joints(robot)}
+    centres = {
+        link.get("name"): np.array(origin.get("xyz", "0 0 0").split(), dtype=float)
+        for link in ElementTree.fromstring(robot.urdf).findall("link")
+        if (origin := link.find("inertial/origin")) is not None
+    }
+    return {link: xyz for link, xyz in centres.items() if link not in carrying and xyz.any()}
 
 
 def _joints(robot: Robot) -> list[tuple[str, str, str]]:
