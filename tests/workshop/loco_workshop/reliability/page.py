@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+import re
+import shlex
 from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
@@ -29,14 +31,15 @@ def current() -> str:
 
 def page(figures: list[Figure]) -> str:
     """Text of the page."""
-    runs = list(dict.fromkeys((f.command, f.machine) for f in figures if f.date))
+    runs = list(dict.fromkeys(_run(f) for f in figures if f.date))
     by_subject: dict[str, list[Figure]] = {}
     for each in figures:
         by_subject.setdefault(each.subject, []).append(each)
     parts = [
         "# Reliability: figures",
         "<!-- printed by `loco reliability` from results/reliability.json -->",
-        "What was measured, when, on which code (`+`: with changes). How it is done, and what it "
+        "What was measured, when, on which code (`+`: with changes; PART: of "
+        "the row). How it is done, and what it "
         "found, stands in [reliability](reliability.md). `./loco reliability` takes what each "
         "command last wrote, `./loco reliability --run` measures what is missing.",
         _table(("subject", "parts measured", "as required"), map(_summary, by_subject.values())),
@@ -48,7 +51,7 @@ def page(figures: list[Figure]) -> str:
         "## Declaration\n\nIn the manner of the quality levels of "
         "[REP-2004](https://www.ros.org/reps/rep-2004.html); level 1 is the highest. What is not "
         "met is said. No level is claimed.",
-        *(f"### {name}\n\n{_declared(lines)}" for name, lines in DECLARATION.items()),
+        _declared(),
     ]  # fmt: skip
     return "\n\n".join(parts) + "\n"
 
@@ -71,12 +74,18 @@ def _subject(rows: list[Figure], runs: list[tuple[str, str]]) -> str:
     for each in (each for each in rows if each.date):
         values = [_text(each.values.get(name, "")) for name in names]
         said = "yes" if each.holds else "**no**"
-        run = str(runs.index((each.command, each.machine)) + 1)
+        run = str(runs.index(_run(each)) + 1)
         lines.append((_name(each), *values, said, each.date[:10], each.commit, run))
     table = _table(("part", *names, "as required", "date", "commit", "run"), lines)
     missing = ", ".join(_name(each) for each in rows if not each.date)
     head = f"`./loco {subject.command}`. Required: {subject.required}."
     return f"{head}{f' Not measured: {missing}.' if missing else ''}\n\n{table}"
+
+
+def _run(each: Figure) -> tuple[str, str]:
+    """Command, with PART for the name of the figure's part, and machine."""
+    part = rf"(?<= ){re.escape(shlex.quote(each.part))}(?= |$)"
+    return re.sub(part, "PART", each.command), each.machine
 
 
 def _name(each: Figure) -> str:
@@ -85,9 +94,13 @@ def _name(each: Figure) -> str:
     return f"`{'/'.join(each.part.split('/')[-2:]) if is_module else each.part}`"
 
 
-def _declared(lines: list[dict[str, str]]) -> str:
-    rows = ((line["says"], _MEANS[line["met"]], "; ".join(_held(line))) for line in lines)
-    return _table(("requirement", "met", "held by"), rows)
+def _declared() -> str:
+    rows = (
+        (name, line["says"], _MEANS[line["met"]], "; ".join(_held(line)))
+        for name, lines in DECLARATION.items()
+        for line in lines
+    )
+    return _table(("subject", "requirement", "met", "held by"), rows)
 
 
 def _held(line: dict[str, str]) -> list[str]:
