@@ -53,6 +53,7 @@ def test_a_wrong_shape_is_left_behind(bench):
 
 def test_minima_are_sought_in_steps_of_the_model_and_fitted_in_finer_ones(bench, monkeypatch):
     case, offered = bench([STRIBECK])
+    case = replace(case, own=True)  # with the step error that it has
     (hypothesis,) = offered["stribeck_friction"].hypotheses
     near = weigh(case, [at(hypothesis, torque=0.5, velocity=1.0)], {})
     steps, simulate = [], Forward.__call__
@@ -74,6 +75,30 @@ def test_the_right_one_stays(bench):
     (hypothesis,) = offered["stribeck_friction"].hypotheses
     right = fit(case, [at(hypothesis, torque=4.3, velocity=0.085)], setting())
     assert beyond(case, right, setting()).fit_rms <= right.fit_rms
+
+
+def test_a_model_is_fitted_in_its_own_steps_where_their_error_is_known(bench, monkeypatch):
+    """A spring is smooth: what finer steps would tell is known. A stiff stop needs them."""
+    steps, simulate = [], Forward.__call__
+
+    def counted(self, effects=(), overrides=None, only=None, step=1.0):
+        steps.append(step)
+        return simulate(self, effects, overrides, only, step)
+
+    monkeypatch.setattr(Forward, "__call__", counted)
+    for name, values, start, fine in (
+        ("added_stiffness", {"stiffness": 300.0, "rest": 0.0}, "stiffness", False),
+        ("end_stop", ROUGH["end_stop"], "stiffness", True),
+    ):
+        case, offered = bench([{"name": name, **values}])
+        (hypothesis, *_) = offered[name].hypotheses
+        begun = at(hypothesis, **{**values, start: 0.5 * values[start]})
+        steps.clear()
+        model = fit(case, [begun], setting())
+        assert (max(steps[-3:]) < 1.0) == fine, name
+        assert model.fit_rms < 1.3 or fine, name  # the fit of a stop has several minima
+        (spec,) = model.specs
+        assert spec[start] == pytest.approx(values[start], rel=0.1)
 
 
 def test_a_strength_alone_has_one_minimum(bench):
@@ -197,7 +222,8 @@ def test_a_model_that_is_polished_gets_its_robot_fitted_once(servo, monkeypatch)
     case = servo([stop])
     offered = offer(case.forward.robot(0), case.signals, Hints(np.full(1, -0.9), np.full(1, 0.9)))
     (hypothesis,) = [h for h in offered if h.effect == "end_stop" and "above" in h.key]
-    apart = weigh(case, [at(hypothesis, angle=0.5, stiffness=0.4, damping=0.03)], {}, seek=False)
+    start = at(hypothesis, angle=0.5, stiffness=0.4, damping=0.03)
+    apart = fit(case, [start], setting(), seek=False)
 
     def never(*args):
         raise AssertionError("sought apart from the effects")

@@ -32,7 +32,8 @@ def noise(size, seed=0):
 
 
 def search(
-    each=lambda function, tasks: (task[0].whole for task in tasks), reach=lambda model, models: True
+    each=lambda function, tasks: ([task[0].whole] * len(task[1]) for task in tasks),
+    reach=lambda model, models: True,
 ):
     """A search of three records whose fits end where they began."""
     records = [SimpleNamespace(name=n) for n in ("chirp", "steps", "ramp")]
@@ -103,18 +104,18 @@ def test_only_the_nearest_other_names_are_fitted_again():
     asked = []
 
     def each(function, tasks):
-        asked.extend(task[0] for task in tasks)
-        return [task[0].whole for task in tasks]
+        asked.extend((task[0], len(task[1])) for task in tasks)
+        return [[task[0].whole] * len(task[1]) for task in tasks]
 
     best, base = fitted(noise([0.0] * 3), RUBS), fitted(noise([5.0] * 3))
     twin, near, next_near, far = (fitted(noise([1.0] * 3), *n) for n in ([RUBS], [LAGS], "a", "b"))
     stable.rows(search(each), best, base, [twin, near, next_near, far], 0)
-    assert asked == [best, base, near, next_near] * stable.SPLITS
+    assert asked == [(m, stable.SPLITS) for m in (best, base, near, next_near)]
     asked.clear()
     out = {id(base), id(near)}  # twice the residual of the best
     some = search(each, lambda m, _: id(m) not in out)
     rows = stable.rows(some, best, base, [near, next_near], 0)
-    assert asked == [best, next_near] * stable.SPLITS
+    assert asked == [(m, stable.SPLITS) for m in (best, next_near)]
     assert [r.vary for r in rows].count("split") == stable.SPLITS
 
 
@@ -142,7 +143,8 @@ def refitted(monkeypatch):
         monkeypatch.setattr(stable, "weigh", weigh)
         case = Records(fit_rows=[np.ones(4, bool), np.zeros(3, bool)], held_rows=[])
         setting = Setting(GapParams(), {}, {}, 1.0, ())
-        return stable.again(case, model, judging, setting), said
+        (residuals,) = stable.again(case, model, [judging], setting)
+        return residuals, said
 
     return run
 

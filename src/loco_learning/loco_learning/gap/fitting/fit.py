@@ -290,22 +290,25 @@ def rough(case: Case, parts: Parts, setting: Setting) -> tuple[float, tuple]:
 def fit(case: Case, parts: Parts, setting: Setting, seek: bool = True) -> Fitted:
     """Fit hypotheses together and evaluate the residual on held-out data.
 
+    They are fitted in the model's own steps, then with a correction for the error of these or, if
+    it is not known, in finer ones.
+
     Args:
         case: Model and data.
         parts: Hypotheses with their initial coordinates; empty for the initial model.
         setting: Settings that all fits share.
         seek: Whether values of the robot are fitted by simulation where that is needed.
     """
-    params = setting.params
-    problem = Problem(case, parts, setting)
-    z, cost = problem.start, 0.0
-    if len(z):
-        limit = params.evaluations + 5 * (len(z) - 1)
-        bounds, quick = problem.bounds, problem.quick
-        solution = minimise(problem, problem.start, bounds, JACOBIAN_STEP, limit, None, quick)
-        z, cost = solution.z, solution.cost
-    parts, overrides = problem.split(z)
-    return weigh(case, parts, overrides, cost, seek=seek)
+    problem = Problem(case, parts, setting, coarse=True)
+    if not len(problem.start):
+        return weigh(case, parts, {}, seek=seek)
+    limit = setting.params.evaluations + 5 * (len(problem.start) - 1)
+    solution = minimise(problem, problem.start, problem.bounds, JACOBIAN_STEP, limit)
+    parts, overrides = problem.split(solution.z)
+    problem.case, problem.coarse = case.corrected(specs_of(parts), overrides), False
+    terms = max(4, limit // 2), solution.jacobian, problem.quick
+    solution = minimise(problem, solution.z, problem.bounds, JACOBIAN_STEP, *terms)
+    return weigh(problem.case, *problem.split(solution.z), solution.cost, seek=seek)
 
 
 def anew(case: Case, parts: Parts, setting: Setting, about: Sequence[Mapping]) -> Fitted:
@@ -324,19 +327,14 @@ def anew(case: Case, parts: Parts, setting: Setting, about: Sequence[Mapping]) -
 
 
 def polish(case: Case, model: Fitted, setting: Setting) -> Fitted:
-    """Refit a model with a correction of its step error, then search beyond its local minimum.
+    """Search beyond the local minimum of a model, and fit values of the robot by simulation.
 
     The model is returned unchanged if no refit lowers the residual.
     """
     if not model.parts and not model.overrides:
         return model
-    exact, params = case.corrected(model.specs, model.overrides), setting.params
+    exact = case.corrected(model.specs, model.overrides)
     candidate = model  # values of the robot are fitted by simulation at the end alone
-    if exact is not case:
-        reduced = params.replace(evaluations=max(4, params.evaluations // 2))
-        free = model.overrides or setting.free
-        refit = fit(exact, model.parts, replace(setting, params=reduced, free=free), seek=False)
-        candidate = min((refit, candidate), key=_promised)
     for search in (beyond, to_minimum):  # with refitted values linearised, which may mislead
         candidate = min((candidate, search(exact, candidate, setting)), key=_promised)
     return min((model, jointly(exact, candidate, setting)), key=_left)
@@ -405,6 +403,11 @@ def jointly(case: Case, model: Fitted, setting: Setting) -> Fitted:
     values = case.loose.values(DEVIATIONS * solution.z[:count])
     refit = weigh(case, parts, overrides, solution.cost, known=values)
     return min((model, refit), key=_left)
+
+
+def settled(case: Case, parts: Parts, overrides: Mapping[str, Any], cost: float) -> Fitted:
+    """As `weigh`, with the step error of the model: values of the robot fitted by simulation."""
+    return weigh(case.corrected(specs_of(parts), overrides), parts, overrides, cost)
 
 
 def beyond(case: Case, model: Fitted, setting: Setting) -> Fitted:

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from loco_control.exceptions import LocoError
+from loco_sim.effects import EFFECTS
 
 from ..hypotheses.bundles import Bundle
 from ..hypotheses.hypotheses import Hypothesis
@@ -28,6 +29,7 @@ RUNGS, RUNG = 4, 3.0  # sizes tried after linear steps failed, and the factor be
 # counts as nothing, both within the branch.
 TOO_LOUD, IDLE = 2.0, 0.05
 ALL = 1.0  # response over residual of an effect that explains all of it
+FAR = 3.0  # response over residual of a smooth effect above which no linear step is taken (taste)
 # A branch is skipped if its residual beyond noise is below both shares: of the whole residual, and
 # of its own noise (taste). A small residual beside a large gap may be friction, as in two joints
 # of an arm.
@@ -57,6 +59,11 @@ class Screened:
     wrong_sign: float = 0.0
     cost: int = 0
     failed: str = ""
+
+    @property
+    def smooth(self) -> bool:
+        """Whether the effect is smooth, so that small changes of its size act in proportion."""
+        return EFFECTS[self.hypothesis.effect].identity.smooth
 
 
 def screen(
@@ -180,7 +187,9 @@ class _Trial:
             self.alive |= self.levels[self.x[at]] >= DEAD
             self._note(1.0 - _square(self.left + project(columns, self.tangent)[:, 0]) / self.whole)
         else:
-            self._step(columns)
+            if self._step(columns):
+                self.done = True
+                return
             self.steps += 1
             if any(self.x[at] in self.levels for at in self.hypothesis.strengths):
                 # a threshold has no effect or its full effect: linear steps would alternate
@@ -194,26 +203,40 @@ class _Trial:
         last, self.last = self.last, columns
         return last is not None and _square(columns - last) <= SAME**2 * _square(columns)
 
-    def _step(self, columns: np.ndarray) -> None:
-        """Choose the next sizes from a linear model of the responses."""
+    def _step(self, columns: np.ndarray) -> bool:
+        """Choose the next sizes from a linear model of the responses.
+
+        Returns:
+            Whether no other size can explain a share worth mentioning, because the effect is smooth
+            and the linear model promises none.
+        """
         size, before = np.linalg.norm(columns, axis=0), list(self.x)
-        if size.max() < DEAD * np.sqrt(self.energy):
-            scale = min(GROW, 0.3 * np.sqrt(self.energy) / max(size.max(), 1e-12))
+        smooth = EFFECTS[self.hypothesis.effect].identity.smooth
+        loud = size / np.sqrt(self.energy)
+        if loud.max() < DEAD:
+            scale = min(GROW, 0.3 / max(loud.max(), 1e-12))
             self.x = _scaled(self.hypothesis, self.x, [scale] * len(size))
             self.done = scale < 1.5 or self.x == before
-            return
+            return False
         self.alive = True
+        if smooth and loud.max() > FAR:
+            for at, level in zip(self.hypothesis.strengths, loud, strict=True):
+                shrunk = self.x[at] * ALL / max(level, ALL)
+                self.x[at] = self.hypothesis.coordinates[at].clipped(shrunk)
+            self.done = self.x == before
+            return False
         moves = project(columns, self.tangent)
         factors = _solve(moves, self.left)
         share, factors = self._judged(moves, factors)
         if len(size) == 1 and self._overshot(1.0 - _square(self.left + moves[:, 0]) / self.whole):
-            return
+            return False
         self.x = _scaled(self.hypothesis, self.x, factors)
         live = factors[size > 0.0]
         if share <= 0.0 or self.x == before or np.allclose(live, 1.0, atol=0.3):
             self.done = True
         promise = share * (0.9 if len(size) > 1 else 0.5)
         self.promised.append((float(promise), tuple(self.x)))
+        return smooth and share < self.idle
 
     def _climb(self) -> bool:
         """Set the next size of a strength that explained nothing so far; False if there is none.
@@ -239,6 +262,8 @@ class _Trial:
             factor = np.sqrt(min(loud) / abs(x)) if loud else RUNG
         else:
             x, factor = min(sizes, key=abs), 1.0 / RUNG
+        if not any(self.levels.values()):
+            self.rungs, factor = self.most - 1, RUNG**self.most  # a stop out of reach stays so
         if self.rungs >= self.most and not loud:
             return False
         self.rungs += 1

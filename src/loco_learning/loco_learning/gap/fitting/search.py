@@ -22,7 +22,7 @@ from ..params import GapParams
 from ..prediction.case import Case
 from ..statistics import evidence, noise
 from ..statistics.leftover import has_gap
-from .fit import Fitted, Setting, fit, polish, rough, weigh
+from .fit import Fitted, Setting, fit, polish, rough, settled, weigh
 from .screen import Screened, screen
 
 log = logging.getLogger(__name__)
@@ -103,10 +103,10 @@ class Search:
         size = {i: -evidence.rms([base.whole[i]]) for i in self.case.fitted}
         selected, seconds = [], 0.0
         for i in sorted(size, key=lambda i: (size[i], i)):
-            if selected and seconds >= self.params.screen_seconds:
+            seconds += self.case.records[i].duration
+            if selected and seconds > self.params.screen_seconds:
                 break
             selected.append(i)
-            seconds += self.case.records[i].duration
         return sorted(selected)
 
     def singles(self) -> Found:
@@ -253,7 +253,7 @@ class Search:
         models = list(self.each(fit, [(parts, self.setting, False) for parts in wanted]))
         again = [i for i, m in enumerate(models) if m.hope < 1.0 and self.in_reach(m, models)]
         tasks = [(models[i].parts, models[i].overrides, models[i].cost) for i in again]
-        for i, model in zip(again, self.each(weigh, tasks), strict=True):
+        for i, model in zip(again, self.each(settled, tasks), strict=True):
             models[i] = model
         for m in models:
             log.info("fit %-50s %8.3f held %8.3f", m.key, m.fit_rms, m.held.rms)
@@ -294,10 +294,11 @@ class Search:
         """Second screening, on the record with the largest residual, of effects without a share.
 
         A large friction stops a joint in one record; in another it only shifts a swing, and at a
-        wrong size by more than the residual.
+        wrong size by more than the residual. Smooth effects act alike in all records.
         """
         loud = self.only[np.argmax([evidence.rms([model.whole[i]]) for i in self.only])]
-        weak = [s.hypothesis for s in found if s.share < self.params.screen_share and not s.dead]
+        least = self.params.screen_share
+        weak = [s.hypothesis for s in found if s.share < least and not (s.dead or s.smooth)]
         if len(self.only) < 2 or not weak:
             return found
         energy, every = (

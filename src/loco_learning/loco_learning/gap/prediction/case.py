@@ -42,10 +42,11 @@ class Case:
         fine: Ratio of the physics step to the model's, for runs without the physics engine.
         correction: Correction of predictions for the finite physics step, (T, C) for each record,
             by step.
+        own: Whether it is that of a model near those to be simulated, not of the initial one.
         cap: Bound on whitened residuals, so that a fall does not dominate.
         ground: Whether the robot stands on feet; contacts permit no step extrapolation.
         count: Number of simulated records so far.
-        runs: Cached predictions of the initial model, by step.
+        runs: Cached predictions of the initial model, (T, C) each, by step.
         loose: Uncertain values, refitted with every model; None if the robot declares none.
         lines: Cached linearisation about the last model with effects, by these effects.
     """
@@ -60,8 +61,9 @@ class Case:
     correction: dict[float, list[np.ndarray]]
     cap: float = evidence.LIMIT
     ground: bool = False
+    own: bool = False
     count: int = field(default=0, compare=False)
-    runs: dict[float, tuple] = field(default_factory=dict, compare=False, repr=False)
+    runs: dict[float, list[np.ndarray]] = field(default_factory=dict, compare=False, repr=False)
     loose: Loose | None = None
     lines: dict[str, Loose] = field(default_factory=dict, compare=False, repr=False)
 
@@ -365,35 +367,47 @@ class Case:
         return smooth and self.step_of(specs) < 1.0
 
     def corrected(self, specs: Sequence[Mapping], overrides: Mapping[str, Any]) -> Case:
-        """The case with the step error of another model; itself if the change is negligible."""
-        if self.ground:
+        """The case with the step error of another model; itself if the change is negligible.
+
+        The model's own steps are used if their error is of first order, so that it is known. It is
+        not where a joint hits a stiff stop.
+        """
+        if self.ground or self.own:
             return self
-        step = self.step_of(specs)
-        self.count += 3 * len(self.records)
-        every = list(range(len(self.records)))
-        about = self._about(overrides)
-        here, half = (self.predicted(specs, about, every, s * step) for s in (1.0, 0.5))
-        first = [2.0 * (h - w) for h, w in zip(half, here, strict=True)]
-        bare = [2.0 * (h - w) for h, w in zip(*self._bare(step), strict=True)]
-        moved = [f - b for f, b in zip(first, bare, strict=True)]
-        if self._small(moved):
+        step, about = self.step_of(specs), self._about(overrides)
+        if step < 1.0:
+            whole, half, quarter = (self._apart_from_bare(specs, about, k) for k in (1.0, 0.5, 0.25))
+            limits = [errors.extrapolated(*pair) for pair in ((whole, half), (half, quarter))]
+            if self._small([a - b for a, b in zip(*limits, strict=True)]):
+                return self._off_by(1.0, whole, half)
+        whole, half = (self._apart_from_bare(specs, about, k * step) for k in (1.0, 0.5))
+        if self._small([2.0 * (h - w) for w, h in zip(whole, half, strict=True)]):
             return self
-        if step != self.fine:  # finer steps have the error of the initial model
-            first = [c + m for c, m in zip(self.correction[step], moved, strict=True)]
-        known = {step: [np.nan_to_num(c) for c in first]}
-        return replace(self, correction={**self.correction, **known})
+        return self._off_by(step, whole, half)
+
+    def _apart_from_bare(
+        self, specs: Sequence[Mapping], overrides: Mapping[str, Any], step: float
+    ) -> list[np.ndarray]:
+        """Predictions of a model minus those of the initial one, both at a step, (T, C) each."""
+        self.count += len(self.records)
+        predicted = self.predicted(specs, overrides, [*range(len(self.records))], step)
+        return [p - b for p, b in zip(predicted, self._bare(step), strict=True)]
+
+    def _off_by(self, step: float, whole: list[np.ndarray], half: list[np.ndarray]) -> Case:
+        """The case for a model at a step; what it predicts at this and half of it is apart so."""
+        each = zip(self.correction[step], whole, half, strict=True)
+        known = [np.nan_to_num(c + 2.0 * (h - w)) for c, w, h in each]
+        return replace(self, fine=step, correction={**self.correction, step: known}, own=True)
 
     def _small(self, errors: Sequence[np.ndarray]) -> bool:
         """True if prediction errors are far below the floor in every channel of every record."""
         each = [np.square(np.nan_to_num(e) / f) for e, f in zip(errors, self.floors, strict=True)]
         return all(np.max(np.mean(e, axis=0)) < LITTLE**2 for e in each)
 
-    def _bare(self, step: float) -> tuple[list[np.ndarray], list[np.ndarray]]:
-        """Predictions of the initial model at half a step, and at the step."""
+    def _bare(self, step: float) -> list[np.ndarray]:
+        """Predictions of the initial model at a step."""
         if step not in self.runs:
-            about = self._about({})
-            runs = (self.forward((), about, step=part * step) for part in (0.5, 1.0))
-            self.runs[step] = tuple(runs)
+            self.runs[step] = self.forward((), self._about({}), step=step)
         return self.runs[step]
 
     def masked(

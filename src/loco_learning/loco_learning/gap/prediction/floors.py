@@ -144,11 +144,16 @@ def step_error(
         return {1.0: none}, none
     steps = {1.0, fine, 0.5 * fine, 0.25 * fine}
     runs = {step: forward((), overrides, step=step) for step in sorted(steps)}
-    limits = [2.0 * q - h for q, h in zip(runs[0.25 * fine], runs[0.5 * fine], strict=True)]
-    coarse = [2.0 * h - w for h, w in zip(runs[0.5 * fine], runs[fine], strict=True)]
+    limits = extrapolated(runs[0.5 * fine], runs[0.25 * fine])
     correction = {
         step: [np.nan_to_num(e - p) for e, p in zip(limits, runs[step], strict=True)]
         for step in sorted({1.0, fine})
     }
+    coarse = extrapolated(runs[fine], runs[0.5 * fine])
     remains = [np.nan_to_num(a - b) for a, b in zip(limits, coarse, strict=True)]
     return correction, _rms(remains, forward.records)
+
+
+def extrapolated(whole: Sequence[np.ndarray], half: Sequence[np.ndarray]) -> list[np.ndarray]:
+    """Predictions, (T, C) each, at a step of zero, from those at a step and at half of it."""
+    return [2.0 * h - w for w, h in zip(whole, half, strict=True)]

@@ -50,24 +50,29 @@ class Row:
         return asdict(self)
 
 
-def again(case: Case, model: Fitted, judging: int, setting: Setting) -> tuple[np.ndarray, ...]:
-    """Residuals of a model that was refitted to all records but one, (T, C) each.
+def again(
+    case: Case, model: Fitted, judging: Sequence[int], setting: Setting
+) -> list[tuple[np.ndarray, ...]]:
+    """Residuals of a model that was refitted to all records but one, (T, C) each, for each one.
 
     Args:
         case: Model and data.
         model: Model to refit, from its current coordinates.
-        judging: Index of the record that is left out.
+        judging: Indices of the records that are left out, one at a time.
         setting: Settings that all fits share.
     """
     if not model.parts and not model.overrides:
-        return tuple(model.whole)
-    fitted = [np.full(len(rows), i != judging) for i, rows in enumerate(case.fit_rows)]
-    case = case.corrected(model.specs, model.overrides)
-    case = replace(case, fit_rows=fitted, held_rows=[~rows for rows in fitted])
+        return [tuple(model.whole)] * len(judging)
+    exact = case.corrected(model.specs, model.overrides)
     reduced = setting.params.replace(evaluations=max(4, REFIT - 3 * (model.count - 1)))
-    refit = fit(case, model.parts, replace(setting, params=reduced, free=model.overrides))
-    start = weigh(case, model.parts, model.overrides, seek=False)
-    return min((start, refit), key=lambda m: m.fit_rms).whole
+    setting, found = replace(setting, params=reduced, free=model.overrides), []
+    for i in judging:
+        fitted = [np.full(len(rows), k != i) for k, rows in enumerate(case.fit_rows)]
+        split = replace(exact, fit_rows=fitted, held_rows=[~rows for rows in fitted])
+        refit = fit(split, model.parts, setting)
+        start = weigh(split, model.parts, model.overrides, seek=False)
+        found.append(min((start, refit), key=lambda m: m.fit_rms).whole)
+    return found
 
 
 def rows(search: Any, best: Fitted, base: Fitted, others: Sequence[Fitted], seed: int) -> list[Row]:
@@ -89,13 +94,12 @@ def _settings(search: Any, models: Sequence[Fitted]) -> Iterator[tuple[str, str,
     case = search.case
     held_out = _loudest(models[1], SPLITS)
     near = [m is models[0] or search.in_reach(m, models) for m in models]
-    tasks = [
-        (m, i, search.setting) for i in held_out for m, on in zip(models, near, strict=True) if on
-    ]
     several = len(models[1].whole) > 1
+    tasks = [(m, held_out, search.setting) for m, on in zip(models, near, strict=True) if on]
     refits = iter(search.each(again, tasks) if several else ())
-    for i in held_out if several else ():
-        group = [next(refits) if on else m.whole for m, on in zip(models, near, strict=True)]
+    over = [next(refits) if on and several else None for on in near]
+    for k, i in enumerate(held_out if several else ()):
+        group = [m.whole if each is None else each[k] for m, each in zip(models, over, strict=True)]
         yield "split", f"{case.records[i].name} judges", [[residuals[i]] for residuals in group]
     for part in range(STRETCHES):
         stretches = [[np.array_split(r, STRETCHES)[part] for r in m.whole] for m in models]
