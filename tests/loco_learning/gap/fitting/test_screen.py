@@ -206,3 +206,39 @@ def test_a_limit_is_found_however_little_of_the_legal_torque_was_asked_for(effec
     found, value = alone(effect, does, size, forward=forward)
     assert found.share > 0.3
     assert 0.3 < does(value) / does(size) < 3.0
+
+
+def quiet_beside(effect, level):
+    """Screening of an effect whose response, at its first size, is `level` times the residual.
+
+    The response is at right angles to the residual, so that no size of it explains anything.
+    """
+    wave, other = np.sin(np.arange(200.0)), np.cos(np.arange(200.0))
+    offered = offer(robot.load("servo_pendulum"), ("q",), Hints(np.full(1, -0.5), np.full(1, 0.5)))
+    hypothesis = next(h for h in offered if h.effect == effect and len(h.strengths) == 1)
+    ((at,), sizes) = hypothesis.strengths, []
+    key, first = hypothesis.coordinates[at].name, None
+
+    def vector(specs, overrides, only, coarse):
+        nonlocal first
+        size = specs[0][key] if specs else 0.0
+        sizes.append(size)
+        first = first or size
+        return wave + (level * size / first * other if specs else 0.0)
+
+    case = SimpleNamespace(vector=vector, channel_of=lambda only: np.zeros(200, int))
+    (found,) = screened(case, Bundle((hypothesis,), (None,)), [], {}, [0], wave)
+    return found, len(hypothesis.starts())
+
+
+@pytest.mark.parametrize("level", [0.01, 0.3, 2.0, 50.0, 1000.0])
+@pytest.mark.parametrize("effect", ["viscous_friction", "joint_offset", "torque_constant_error"])
+def test_a_smooth_effect_that_promises_nothing_costs_two_simulations_a_start(effect, level):
+    found, starts = quiet_beside(effect, level)
+    assert found.share < IDLE and not found.dead
+    assert found.cost <= 2 * starts
+
+
+def test_a_limit_that_promises_nothing_is_tried_further():
+    found, starts = quiet_beside("torque_limit", 0.3)
+    assert found.cost > 2 * starts

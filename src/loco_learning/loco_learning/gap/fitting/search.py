@@ -297,8 +297,8 @@ class Search:
         wrong size by more than the residual. Smooth effects act alike in all records.
         """
         loud = self.only[np.argmax([evidence.rms([model.whole[i]]) for i in self.only])]
-        least = self.params.screen_share
-        weak = [s.hypothesis for s in found if s.share < least and not (s.dead or s.smooth)]
+        share = self.params.screen_share
+        weak = [s.hypothesis for s in found if s.share < share and not (s.dead or s.smooth)]
         if len(self.only) < 2 or not weak:
             return found
         energy, every = (

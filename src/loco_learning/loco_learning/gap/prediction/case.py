@@ -376,14 +376,14 @@ class Case:
             return self
         step, about = self.step_of(specs), self._about(overrides)
         if step < 1.0:
-            whole, half, quarter = (self._apart_from_bare(specs, about, k) for k in (1.0, 0.5, 0.25))
-            limits = [errors.extrapolated(*pair) for pair in ((whole, half), (half, quarter))]
+            full, half, quarter = (self._apart_from_bare(specs, about, k) for k in (1.0, 0.5, 0.25))
+            limits = [errors.extrapolated(*pair) for pair in ((full, half), (half, quarter))]
             if self._small([a - b for a, b in zip(*limits, strict=True)]):
-                return self._off_by(1.0, whole, half)
-        whole, half = (self._apart_from_bare(specs, about, k * step) for k in (1.0, 0.5))
-        if self._small([2.0 * (h - w) for w, h in zip(whole, half, strict=True)]):
+                return self._off_by(1.0, full, half)
+        full, half = (self._apart_from_bare(specs, about, k * step) for k in (1.0, 0.5))
+        if self._small([2.0 * (h - w) for w, h in zip(full, half, strict=True)]):
             return self
-        return self._off_by(step, whole, half)
+        return self._off_by(step, full, half)
 
     def _apart_from_bare(
         self, specs: Sequence[Mapping], overrides: Mapping[str, Any], step: float
@@ -393,11 +393,11 @@ class Case:
         predicted = self.predicted(specs, overrides, [*range(len(self.records))], step)
         return [p - b for p, b in zip(predicted, self._bare(step), strict=True)]
 
-    def _off_by(self, step: float, whole: list[np.ndarray], half: list[np.ndarray]) -> Case:
+    def _off_by(self, step: float, full: list[np.ndarray], half: list[np.ndarray]) -> Case:
         """The case for a model at a step; what it predicts at this and half of it is apart so."""
-        each = zip(self.correction[step], whole, half, strict=True)
-        known = [np.nan_to_num(c + 2.0 * (h - w)) for c, w, h in each]
-        return replace(self, fine=step, correction={**self.correction, step: known}, own=True)
+        each = zip(self.correction[step], full, half, strict=True)
+        error = [np.nan_to_num(c + 2.0 * (h - w)) for c, w, h in each]
+        return replace(self, fine=step, correction={**self.correction, step: error}, own=True)
 
     def _small(self, errors: Sequence[np.ndarray]) -> bool:
         """True if prediction errors are far below the floor in every channel of every record."""

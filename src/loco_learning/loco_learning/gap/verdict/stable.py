@@ -65,14 +65,15 @@ def again(
         return [tuple(model.whole)] * len(judging)
     exact = case.corrected(model.specs, model.overrides)
     reduced = setting.params.replace(evaluations=max(4, REFIT - 3 * (model.count - 1)))
-    setting, found = replace(setting, params=reduced, free=model.overrides), []
+    setting = replace(setting, params=reduced, free=model.overrides)
+    residuals = []
     for i in judging:
         fitted = [np.full(len(rows), k != i) for k, rows in enumerate(case.fit_rows)]
         split = replace(exact, fit_rows=fitted, held_rows=[~rows for rows in fitted])
         refit = fit(split, model.parts, setting)
         start = weigh(split, model.parts, model.overrides, seek=False)
-        found.append(min((start, refit), key=lambda m: m.fit_rms).whole)
-    return found
+        residuals.append(min((start, refit), key=lambda m: m.fit_rms).whole)
+    return residuals
 
 
 def rows(search: Any, best: Fitted, base: Fitted, others: Sequence[Fitted], seed: int) -> list[Row]:
