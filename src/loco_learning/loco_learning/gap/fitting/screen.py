@@ -74,7 +74,7 @@ def screen(
     only: Sequence[int],
     residual: np.ndarray,
     tangent: np.ndarray | None = None,
-    known: Sequence[Sequence[float] | None] = (),
+    initial: Sequence[Sequence[float] | None] = (),
 ) -> list[Screened]:
     """Screen a bundle with `try_bundle`, and one by one if the robot cannot be built with all.
 
@@ -82,12 +82,12 @@ def screen(
     """
     args = case, base, overrides, only, residual, tangent
     try:
-        return try_bundle(bundle, *args, known)
+        return try_bundle(bundle, *args, initial)
     except LocoError as error:
         if len(bundle.hypotheses) == 1:
             (h,) = bundle.hypotheses
             return [Screened(h, 0.0, tuple(h.starts()[0]), dead=True, failed=str(error))]
-    starts = known or [None] * len(bundle.hypotheses)
+    starts = initial or [None] * len(bundle.hypotheses)
     trials = []
     for h, mask, at in zip(bundle.hypotheses, bundle.channels, starts, strict=True):
         trials += screen(case, Bundle((h,), (mask,), bundle.passes), *args[1:], (at,) if at else ())
@@ -102,7 +102,7 @@ def try_bundle(
     only: Sequence[int],
     residual: np.ndarray,
     tangent: np.ndarray | None = None,
-    known: Sequence[Sequence[float] | None] = (),
+    initial: Sequence[Sequence[float] | None] = (),
 ) -> list[Screened]:
     """Screen hypotheses in separate branches of the robot together, on top of a model.
 
@@ -115,12 +115,12 @@ def try_bundle(
         residual: Residual of that model on these records [floors], (N,).
         tangent: Orthonormal columns that the model's own parameters span, (N, k); the part of a
             response in their span is not counted.
-        known: Initial coordinates of hypotheses that were screened before.
+        initial: Initial coordinates of hypotheses that were screened before.
 
     A branch of the robot whose residual is mostly noise is skipped (`Bundle.passes`).
     """
     column = case.channel_of(only)
-    starts = known or [None] * len(bundle.hypotheses)
+    starts = initial or [None] * len(bundle.hypotheses)
     trials = [
         _Trial(h, residual, tangent, None if mask is None else mask[column], at, bundle.passes)
         for h, mask, at in zip(bundle.hypotheses, bundle.channels, starts, strict=True)
@@ -144,7 +144,7 @@ class _Trial:
         residual: np.ndarray,
         tangent: Any,
         rows: Any,
-        known: Any,
+        initial: Any,
         passes: bool,
     ):
         self.hypothesis, self.rows, self.tangent = hypothesis, rows, tangent
@@ -154,9 +154,9 @@ class _Trial:
         self.energy = max(_square(residual[mask]), 1e-300)
         self.idle = IDLE * _square(self.left[mask]) / self.whole
         quiet = passes and rows is not None and _quiet(residual, rows)
-        self.starts = [known] if known else [] if quiet else hypothesis.starts()
-        self.most = 0 if known else RUNGS
-        self.x, self.done = list(known or hypothesis.starts()[0]), True
+        self.starts = [initial] if initial else [] if quiet else hypothesis.starts()
+        self.most = 0 if initial else RUNGS
+        self.x, self.done = list(initial or hypothesis.starts()[0]), True
         self.tried: list[tuple[float, tuple[float, ...]]] = []
         self.promised: list[tuple[float, tuple[float, ...]]] = []  # predicted by a linear step
         self.cost, self.wrong, self.alive = 0, 0.0, quiet

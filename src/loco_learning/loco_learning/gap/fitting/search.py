@@ -290,7 +290,7 @@ class Search:
         """Keys of the hypotheses with which the robot cannot be built, with the reasons."""
         return [(s.hypothesis.key, s.failed) for s in screened if s.failed]
 
-    def _alone(self, model: Fitted, found: list[Screened], at: float) -> list[Screened]:
+    def _alone(self, model: Fitted, screened: list[Screened], at: float) -> list[Screened]:
         """Second screening, on the record with the largest residual, of effects without a share.
 
         A large friction stops a joint in one record; in another it only shifts a swing, and at a
@@ -298,9 +298,9 @@ class Search:
         """
         loud = self.only[np.argmax([evidence.rms([model.whole[i]]) for i in self.only])]
         share = self.params.screen_share
-        weak = [s.hypothesis for s in found if s.share < share and not (s.dead or s.smooth)]
+        weak = [s.hypothesis for s in screened if s.share < share and not (s.dead or s.smooth)]
         if len(self.only) < 2 or not weak:
-            return found
+            return screened
         energy, every = (
             float(np.sum(np.square(self.case.vector(model.specs, model.overrides, only))))
             for only in ([loud], self.only)
@@ -308,7 +308,7 @@ class Search:
         improved = {}
         for s in self._tried(model, weak, [loud], (at, at), {}):
             improved[s.hypothesis.key] = replace(s, share=s.share * energy / max(every, 1e-300))
-        return [max(s, improved.get(s.hypothesis.key, s), key=lambda s: s.share) for s in found]
+        return [max(s, improved.get(s.hypothesis.key, s), key=lambda s: s.share) for s in screened]
 
     def _tried(
         self,
