@@ -183,3 +183,29 @@ def test_a_late_torque_does_not_explain_one_that_is_held(bench):
     assert left("torque_hold", period=0.008) < 1.1
     others = [left("actuation_delay", delay=d) for d in (0.003, 0.0035, 0.004, 0.0045)]
     assert min([*others, left("torque_hold", period=0.0085)]) > 3.0
+
+
+def test_the_step_error_is_that_of_the_values_that_are_refitted_beside_an_effect():
+    """Values that imitate a force changed the step error of a leg by more than its noise."""
+    t = np.arange(500) / 250.0
+    model, force = Model("hyq_leg"), [{"name": "constant_force", "force": [0.0, 60.0, 0.0]}]
+    robot = model.make_robot()
+    force[0]["link"] = "lf_lowerleg"
+    swing = 0.2 * np.sin(np.outer(6.0 * t, [0.7, 1.0, 1.3])) * np.minimum(t, 1.0)[:, None]
+    told = {"position": robot.standing + swing}, robot.joints, {"q": swing}, robot.joints
+    empty = Record("swing", t, *told)
+    near = cases.prepare(Forward(model, [empty]), [empty], []).loose
+    off = near.values(2.2 * np.sign(np.sin(1.0 + np.arange(len(near.at)))))
+    (seen,) = Forward(model, [empty])(force, off, step=1 / 8)
+    noise = 2e-5 * np.random.default_rng(1).standard_normal(seen.shape)
+    record = replace(empty, signals={"q": seen + noise})
+    case = cases.prepare(Forward(model, [record]), [record], [])
+    exact = case.corrected(force, {})
+    values = case.loose.values(case._refitted(force, {}, [0], coarse=True)[1][0])
+    whole, coarse, fine = (case.forward(force, values, step=k)[0] for k in (1.0, 1 / 4, 1 / 8))
+
+    def error(case):
+        left = (2.0 * fine - coarse - whole - case.correction[1.0][0]) / case.floors[0]
+        return float(np.sqrt(np.nanmean(np.square(left))))
+
+    assert error(exact) < 0.5 * error(case)

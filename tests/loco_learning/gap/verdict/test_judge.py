@@ -10,6 +10,7 @@ from loco_learning.gap.fitting.screen import Screened
 from loco_learning.gap.hypotheses.families import families
 from loco_learning.gap.hypotheses.hypotheses import Hypothesis
 from loco_learning.gap.probability.weights import weigh
+from loco_learning.gap.statistics.leftover import has_gap
 from loco_learning.gap.verdict import judge
 from loco_learning.gap.verdict.decide import AMBIGUOUS, MORE, NAMED, NO_GAP, UNKNOWN, decide
 from loco_learning.gap.verdict.estimates import Estimate
@@ -204,7 +205,7 @@ def judged(monkeypatch):
                     corrected=lambda specs, overrides: None)  # fmt: skip
         search = Some(
             params=Some(seed=0, accuracy=0.0, free_spread=0.3), nominal={}, setting=None,
-            asked=False,
+            asked=False, adequate=lambda m: not has_gap(m.whole),
             energy=lambda m: np.log(m.fit_rms * m.held.rms), in_reach=lambda model, among: True,
             each=lambda function, tasks: [task[0] for task in tasks],
         )  # fmt: skip
@@ -355,6 +356,15 @@ def test_sensitivities_of_a_model_are_computed_once_and_anew_for_another_fit(mon
     for model in (first, first, again, again):
         judging._sensitivities(model)
     assert [one is other for one, other in zip(asked, (first, again), strict=True)] == [True, True]
+
+
+@pytest.mark.parametrize(("rms", "rounds"), [(1.0, 2), (3.0, 2), (7.0, 1)])
+def test_what_cannot_be_named_is_challenged_once(judged, rms, rounds):
+    """A model that leaves 7 of 10 is not named, whatever else leaves as much."""
+    found, tried = judged([fitted(DRY, rms=1.1 * rms)], [fitted(WET, rms=rms)])
+    assert len(tried) == rounds
+    assert found.best.names == (WET,)
+    assert (found.decision.verdict == UNKNOWN) == (rms == 7.0)
 
 
 def test_a_judgement_ends_after_some_rounds(judged, monkeypatch):

@@ -405,7 +405,7 @@ def jointly(case: Case, model: Fitted, setting: Setting) -> Fitted:
     return min((model, refit), key=_left)
 
 
-def settled(case: Case, parts: Parts, overrides: Mapping[str, Any], cost: float) -> Fitted:
+def settled(case: Case, parts: Parts, overrides: Mapping[str, Any], cost: float = 0.0) -> Fitted:
     """As `weigh`, with the step error of the model: values of the robot fitted by simulation."""
     return weigh(case.corrected(specs_of(parts), overrides), parts, overrides, cost)
 

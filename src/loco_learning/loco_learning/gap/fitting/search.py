@@ -117,7 +117,7 @@ class Search:
         """
         self.report(0.02, "fitting the model as it came", "")
         initial = weigh(self.case, (), self.nominal, given=True)
-        base = weigh(self.case, (), self.nominal)
+        base = settled(self.case, (), self.nominal)
         for _ in range(REFITS if self.nominal else 0):  # the robust loss gets narrower
             setting = Setting(self.params, self.nominal, base.overrides, self._scale(base), ())
             base = next(iter(self.each(fit, [((), setting)])))

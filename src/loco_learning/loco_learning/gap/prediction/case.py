@@ -374,7 +374,7 @@ class Case:
         """
         if self.ground or self.own:
             return self
-        step, about = self.step_of(specs), self._about(overrides)
+        step, about = self.step_of(specs), self._near(specs, overrides)
         if step < 1.0:
             full, half, quarter = (self._apart_from_bare(specs, about, k) for k in (1.0, 0.5, 0.25))
             limits = [errors.extrapolated(*pair) for pair in ((full, half), (half, quarter))]
@@ -384,6 +384,13 @@ class Case:
         if self._small([2.0 * (h - w) for w, h in zip(full, half, strict=True)]):
             return self
         return self._off_by(step, full, half)
+
+    def _near(self, specs: Sequence[Mapping], overrides: Mapping[str, Any]) -> dict[str, Any]:
+        """Overrides with the refitted uncertain values: the step error changes with them."""
+        if self.loose is None or self.loose.held:
+            return self._about(overrides)
+        _, by = self._refitted(specs, overrides, [*range(len(self.records))], coarse=True)
+        return {**self.loose.values(by[0]), **overrides}
 
     def _apart_from_bare(
         self, specs: Sequence[Mapping], overrides: Mapping[str, Any], step: float

@@ -109,12 +109,24 @@ def decide(
         _ruling(weights, model, i, h.key in unsure, criterion)
         for i, (h, _) in enumerate(model.parts)
     )
-    pairs = (base.whole, model.whole), (given.held.residuals, model.held.residuals)
-    closes = all(evidence.closed_by(*pair) >= criterion.closed for pair in pairs)
-    verdict = _overall({r.verdict for r in rulings}, explains, closes)
+    largely = closes(model, given, base, criterion)
+    verdict = _overall({r.verdict for r in rulings}, explains, largely)
     loud = None if explains else float(np.nanmax(evidence.by_channel(model.whole)))
     text = _summary(verdict, rulings, loud, given, model)
     return Decision(verdict, rulings, explains, text)
+
+
+def closes(model: Fitted, given: Fitted, base: Fitted, criterion: Criterion = CRITERION) -> bool:
+    """True if a model closes so much of the gap that its effects may be named beside others.
+
+    Args:
+        model: Model with effects.
+        given: The user's own model.
+        base: The user's model with nominal values refitted.
+        criterion: Free numbers.
+    """
+    pairs = (base.whole, model.whole), (given.held.residuals, model.held.residuals)
+    return all(evidence.closed_by(*pair) >= criterion.closed for pair in pairs)
 
 
 def _ruling(

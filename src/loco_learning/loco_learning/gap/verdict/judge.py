@@ -25,7 +25,7 @@ from ..probability.weights import CRITERION, Criterion, Weights, weigh
 from ..statistics import identify
 from ..statistics.leftover import has_gap
 from . import stable, traded
-from .decide import MORE, NAMED, NO_GAP, UNKNOWN, Decision, decide
+from .decide import MORE, NAMED, NO_GAP, UNKNOWN, Decision, closes, decide
 from .estimates import Estimate, absent, alarms
 from .rivals import RIVAL_NAMES, few, leading, look_alikes
 from .sensitivity import sensitivities
@@ -35,6 +35,7 @@ LEADING = 4  # models that are fitted to convergence in any case
 LEAST = 0.01  # probability above which a model is fitted to convergence
 LOOK_ALIKES = 2  # look-alikes that are fitted in any case, if not fitted yet
 ROUNDS = 3  # models that are challenged at most (taste)
+UNNAMED = 1  # the same while the most probable one leaves too much to be named (taste)
 LOWER = {NAMED: MORE, MORE: UNKNOWN}  # verdict if values of the robot imitate what is missing
 LITTLE_BESIDE = 0.1  # size over the largest of a family below which a joint is left out (taste)
 LESS, NEARLY = 0.4, 1.5  # the same for sizes within 1.5 half intervals of 0 (taste)
@@ -174,9 +175,14 @@ class Judgement:
             weights = self._converged()
             models = (weights.best, weights.supported(self.criterion.confidence))
             new = [m for m in models if m.parts and m.key not in self.lost]
-            if not new or len(self.lost) >= ROUNDS:
+            if not new or len(self.lost) >= (ROUNDS if self._nameable(new[0]) else UNNAMED):
                 return weights
             self._challenge(new[0])
+
+    def _nameable(self, model: Fitted) -> bool:
+        """True if effects of a model can be named, because it explains the data or much of them."""
+        aims = self.search.params.accuracy > 0.0 or self.search.adequate(model)
+        return aims or closes(model, self.found.given, self.found.base, self.criterion)
 
     def _converged(self) -> Weights:
         """Probabilities of all models; those worth mentioning are fitted to convergence first."""
