@@ -401,7 +401,7 @@ class Case:
         return [p - b for p, b in zip(predicted, self._bare(step), strict=True)]
 
     def _off_by(self, step: float, full: list[np.ndarray], half: list[np.ndarray]) -> Case:
-        """The case with the step error of a model, from its predictions at a step and at half of it."""
+        """The case with the step error of a model, whose runs at a step and half of it are apart."""
         each = zip(self.correction[step], full, half, strict=True)
         error = [np.nan_to_num(c + 2.0 * (h - w)) for c, w, h in each]
         return replace(self, fine=step, correction={**self.correction, step: error}, own=True)
