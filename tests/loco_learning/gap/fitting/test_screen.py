@@ -72,7 +72,7 @@ def alone(effect, does, size, elsewhere=0.0, forward=None):
 
     channels = np.repeat([0, 1], 200) if elsewhere else np.zeros(200, int)
     mask = np.array([True, False]) if elsewhere else None
-    case = SimpleNamespace(vector=vector, channel_of=lambda only: channels)
+    case = SimpleNamespace(vector=vector, channel_of=lambda only: channels, rounds=True)
     plant = forward.robot() if forward else robot.load("servo_pendulum")
     offered = offer(plant, ("q",), Hints(np.full(1, -0.5), np.full(1, 0.5)))
     offered = hints.sized(offered, forward) if forward else offered
@@ -208,7 +208,7 @@ def test_a_limit_is_found_however_little_of_the_legal_torque_was_asked_for(effec
     assert 0.3 < does(value) / does(size) < 3.0
 
 
-def quiet_beside(effect, level):
+def quiet_beside(effect, level, rounds=False):
     """Screening of an effect whose response, at its first size, is `level` times the residual.
 
     The response is at right angles to the residual, so that no size of it explains anything.
@@ -226,7 +226,8 @@ def quiet_beside(effect, level):
         first = first or size
         return wave + (level * size / first * other if specs else 0.0)
 
-    case = SimpleNamespace(vector=vector, channel_of=lambda only: np.zeros(200, int))
+    flat = np.zeros(200, int)
+    case = SimpleNamespace(vector=vector, channel_of=lambda only: flat, rounds=rounds)
     (found,) = screened(case, Bundle((hypothesis,), (None,)), [], {}, [0], wave)
     return found, len(hypothesis.starts())
 
@@ -239,6 +240,8 @@ def test_a_smooth_effect_that_promises_nothing_costs_two_simulations_a_start(eff
     assert found.cost <= 2 * starts
 
 
-def test_a_limit_that_promises_nothing_is_tried_further():
-    found, starts = quiet_beside("torque_limit", 0.3)
+@pytest.mark.parametrize(("effect", "rounds"), [("torque_limit", False), ("joint_offset", True)])
+def test_what_acts_in_jumps_is_tried_further(effect, rounds):
+    """A limit, and whatever a drive that rounds its encoder is moved by."""
+    found, starts = quiet_beside(effect, 0.3, rounds)
     assert found.cost > 2 * starts

@@ -60,10 +60,10 @@ class Screened:
     cost: int = 0
     failed: str = ""
 
-    @property
-    def smooth(self) -> bool:
-        """Whether the effect is smooth, so that small changes of its size act in proportion."""
-        return EFFECTS[self.hypothesis.effect].identity.smooth
+
+def smooth(hypothesis: Hypothesis, case: Case) -> bool:
+    """True if small changes of the size of an effect act in proportion to it."""
+    return EFFECTS[hypothesis.effect].identity.smooth and not case.rounds
 
 
 def screen(
@@ -125,6 +125,8 @@ def try_bundle(
         _Trial(h, residual, tangent, None if mask is None else mask[column], at, bundle.passes)
         for h, mask, at in zip(bundle.hypotheses, bundle.channels, starts, strict=True)
     ]
+    for trial in trials:
+        trial.smooth = smooth(trial.hypothesis, case)
     for k in range(max(len(trial.starts) for trial in trials)):
         for trial in trials:
             trial.begin(k)
@@ -159,7 +161,7 @@ class _Trial:
         self.x, self.done = list(initial or hypothesis.starts()[0]), True
         self.tried: list[tuple[float, tuple[float, ...]]] = []
         self.promised: list[tuple[float, tuple[float, ...]]] = []  # predicted by a linear step
-        self.cost, self.wrong, self.alive = 0, 0.0, quiet
+        self.cost, self.wrong, self.alive, self.smooth = 0, 0.0, quiet, False
 
     def begin(self, k: int) -> None:
         """Start from the k-th initial coordinates, if there are that many."""
@@ -211,7 +213,6 @@ class _Trial:
             and the linear model promises none.
         """
         size, before = np.linalg.norm(columns, axis=0), list(self.x)
-        smooth = EFFECTS[self.hypothesis.effect].identity.smooth
         loud = size / np.sqrt(self.energy)
         if loud.max() < DEAD:
             scale = min(GROW, 0.3 / max(loud.max(), 1e-12))
@@ -219,7 +220,7 @@ class _Trial:
             self.done = scale < 1.5 or self.x == before
             return False
         self.alive = True
-        if smooth and loud.max() > FAR:
+        if self.smooth and loud.max() > FAR:
             for at, level in zip(self.hypothesis.strengths, loud, strict=True):
                 shrunk = self.x[at] * ALL / max(level, ALL)
                 self.x[at] = self.hypothesis.coordinates[at].clipped(shrunk)
@@ -236,7 +237,7 @@ class _Trial:
             self.done = True
         promise = share * (0.9 if len(size) > 1 else 0.5)
         self.promised.append((float(promise), tuple(self.x)))
-        return smooth and share < self.idle
+        return self.smooth and share < self.idle
 
     def _climb(self) -> bool:
         """Set the next size of a strength that explained nothing so far; False if there is none.

@@ -23,7 +23,7 @@ from ..prediction.case import Case
 from ..statistics import evidence, noise
 from ..statistics.leftover import has_gap
 from .fit import Fitted, Setting, fit, polish, rough, settled, weigh
-from .screen import Screened, screen
+from .screen import Screened, screen, smooth
 
 log = logging.getLogger(__name__)
 Report = Callable[[float, str, str], Any]
@@ -103,10 +103,10 @@ class Search:
         size = {i: -evidence.rms([base.whole[i]]) for i in self.case.fitted}
         selected, seconds = [], 0.0
         for i in sorted(size, key=lambda i: (size[i], i)):
-            seconds += self.case.records[i].duration
-            if selected and seconds > self.params.screen_seconds:
+            if selected and seconds >= self.params.screen_seconds:
                 break
             selected.append(i)
+            seconds += self.case.records[i].duration
         return sorted(selected)
 
     def singles(self) -> Found:
@@ -297,8 +297,8 @@ class Search:
         wrong size by more than the residual. Smooth effects act alike in all records.
         """
         loud = self.only[np.argmax([evidence.rms([model.whole[i]]) for i in self.only])]
-        share = self.params.screen_share
-        weak = [s.hypothesis for s in screened if s.share < share and not (s.dead or s.smooth)]
+        weak = [s for s in screened if s.share < self.params.screen_share and not s.dead]
+        weak = [s.hypothesis for s in weak if not smooth(s.hypothesis, self.case)]
         if len(self.only) < 2 or not weak:
             return screened
         energy, every = (

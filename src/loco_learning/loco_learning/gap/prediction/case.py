@@ -77,6 +77,11 @@ class Case:
         """Indices of the records with held-out rows."""
         return [i for i, rows in enumerate(self.held_rows) if rows.any()]
 
+    @cached_property
+    def rounds(self) -> bool:
+        """Whether a drive rounds its encoder, so that even smooth effects act in jumps."""
+        return self.forward._robot(0, {}, 1.0).encoder_step > 0.0
+
     @property
     def signals(self) -> list[str]:
         """Names of the measured signals."""
