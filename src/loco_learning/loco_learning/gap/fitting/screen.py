@@ -121,12 +121,11 @@ def try_bundle(
     """
     column = case.channel_of(only)
     starts = initial or [None] * len(bundle.hypotheses)
+    masks = [None if mask is None else mask[column] for mask in bundle.channels]
     trials = [
-        _Trial(h, residual, tangent, None if mask is None else mask[column], at, bundle.passes)
-        for h, mask, at in zip(bundle.hypotheses, bundle.channels, starts, strict=True)
+        _Trial(h, residual, tangent, rows, at, bundle.passes, smooth(h, case))
+        for h, rows, at in zip(bundle.hypotheses, masks, starts, strict=True)
     ]
-    for trial in trials:
-        trial.smooth = smooth(trial.hypothesis, case)
     for k in range(max(len(trial.starts) for trial in trials)):
         for trial in trials:
             trial.begin(k)
@@ -148,6 +147,7 @@ class _Trial:
         rows: Any,
         initial: Any,
         passes: bool,
+        smooth: bool,
     ):
         self.hypothesis, self.rows, self.tangent = hypothesis, rows, tangent
         self.left = project(residual, tangent)
@@ -161,7 +161,7 @@ class _Trial:
         self.x, self.done = list(initial or hypothesis.starts()[0]), True
         self.tried: list[tuple[float, tuple[float, ...]]] = []
         self.promised: list[tuple[float, tuple[float, ...]]] = []  # predicted by a linear step
-        self.cost, self.wrong, self.alive, self.smooth = 0, 0.0, quiet, False
+        self.cost, self.wrong, self.alive, self.smooth = 0, 0.0, quiet, smooth
 
     def begin(self, k: int) -> None:
         """Start from the k-th initial coordinates, if there are that many."""

@@ -93,14 +93,13 @@ def rows(search: Any, best: Fitted, base: Fitted, others: Sequence[Fitted], seed
 def _settings(search: Any, models: Sequence[Fitted]) -> Iterator[tuple[str, str, list]]:
     """Kind and name of each setting, with the residuals of all models under it."""
     case = search.case
-    held_out = _loudest(models[1], SPLITS)
+    held_out = _loudest(models[1], SPLITS) if len(models[1].whole) > 1 else []
     near = [m is models[0] or search.in_reach(m, models) for m in models]
-    several = len(models[1].whole) > 1
     tasks = [(m, held_out, search.setting) for m, on in zip(models, near, strict=True) if on]
-    refits = iter(search.each(again, tasks) if several else ())
-    over = [next(refits) if on and several else None for on in near]
-    for k, i in enumerate(held_out if several else ()):
-        group = [m.whole if each is None else each[k] for m, each in zip(models, over, strict=True)]
+    refits = iter(search.each(again, tasks) if held_out else ())
+    both = zip(models, near, strict=True)
+    over = [next(refits, []) if on else [m.whole] * len(held_out) for m, on in both]
+    for i, *group in zip(held_out, *over, strict=True):
         yield "split", f"{case.records[i].name} judges", [[residuals[i]] for residuals in group]
     for part in range(STRETCHES):
         stretches = [[np.array_split(r, STRETCHES)[part] for r in m.whole] for m in models]
