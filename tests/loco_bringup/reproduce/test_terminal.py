@@ -27,7 +27,10 @@ def call(*arguments: str) -> int:
         (["msb"], "no choice of loco reproduce named 'msb' (did you mean 'msd'?)"),
         (["msd", "--preset", "code"], "available: author_code, thesis"),
         (["msd", "--workers", "0"], "workers must be at least 1, got 0"),
-        (["hyq", "--plan", "fast"], "no plan named 'fast'; available: full, medium, mujoco, quick"),
+        (
+            ["hyq", "--plan", "fast"],
+            "no plan named 'fast'; available: ablations, full, medium, mujoco, quick",
+        ),
     ],
 )
 def test_mistakes_are_one_line(arguments, text, capsys):
@@ -52,18 +55,23 @@ def test_verdicts_are_printed_and_the_page_is_written(tmp_path, monkeypatch, cap
 
 
 def test_claims_are_judged_from_what_ran_and_the_rest_is_open(tmp_path, monkeypatch, capsys):
-    entries = {"clock": Entry("clock", "chapter8_clock", seeds=1, overrides=SHORT)}
+    entries = {
+        "clock": Entry("clock", "chapter8_clock", seeds=1, overrides=SHORT),
+        "clock_short": Entry("clock_short", "chapter8_clock", seeds=1, base="clock",
+                             change="a short test", overrides={**SHORT, "learner.test": 0.8}),
+    }  # fmt: skip
     monkeypatch.setattr(evidence, "plan", lambda name: entries)
     assert call("clock", "--quick", "--workers", "1", "--out", str(tmp_path)) == 0
     out = capsys.readouterr().out
-    assert "6 open" in out and "chapter8 is not in this plan" in out
-    rows = {row["claim"]: row for row in csv.DictReader(open(tmp_path / "verdicts.csv"))}
-    assert len(rows) == 6
-    assert "1 of 6 runs" in rows["8.6"]["reason"] and "clock slip" in rows["8.6"]["found"]
-    assert rows["8.6"]["engine"] == entries["clock"].engine
-    assert rows["8.4"]["rule of"] == "2026-11-28, numbers seen"
+    assert "1 open" in out and "8.6, a short test  open" in out
+    judged, beside = csv.DictReader(open(tmp_path / "verdicts.csv"))  # no entry of other claims
+    assert judged["claim"] == beside["claim"] == "8.6"
+    assert (judged["change"], beside["change"]) == ("", "a short test")
+    assert "1 of 6 runs" in judged["reason"] and "clock slip" in judged["found"]
+    assert judged["found"] != beside["found"] and judged["rule of"] == "2026-11-23"
+    assert judged["engine"] == entries["clock"].engine
     numbers = json.loads((tmp_path / "numbers.json").read_text())
-    assert len(numbers["8.6"]["clock_slip"]) == 1 and numbers["8.1"] == {}
+    assert len(numbers["8.6"]["clock_slip"]) == len(numbers["8.6, a short test"]["clock_slip"]) == 1
     page = (tmp_path / "README.md").read_text()
     assert "| 8.6 |" in page and "[clock](clock/study.html)" in page and "## Open" in page
     page = (tmp_path / "thesis.html").read_text()

@@ -18,6 +18,7 @@ from loco_learning.networks.gait import (
     task,
 )
 from loco_sim.msd.network import chain
+from loco_sim.msd.params import PRESETS
 
 SMALL = MsdTask(nodes=5, duration=1.0, evaluations=120)
 
@@ -109,6 +110,16 @@ def test_noise_changes_scores_and_none_does_not(found):
     assert np.ptp(noisy) > 0.0
     assert np.ptp(clean) == 0.0
     assert clean[0] == found.clean
+
+
+def test_noise_and_damping_are_those_of_the_preset_unless_changed():
+    """One cause at a time: the noise of the author's code on the network of the text."""
+    text, code = PRESETS["thesis"], PRESETS["author_code"]
+    mixed = task("thesis", noise_of="author_code")
+    assert (mixed.noise(), mixed.params().damping) == (code.noise, text.params.damping)
+    soft = task("thesis", damping=1.0)
+    assert (soft.noise(), soft.params().damping) == (text.noise, 1.0)
+    assert task("author_code").params().damping == code.params.damping
 
 
 def test_values_out_of_range_are_refused():

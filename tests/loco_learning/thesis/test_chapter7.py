@@ -6,7 +6,8 @@ import pytest
 
 from loco_learning.study import study as studies
 from loco_learning.study.figures import VERDICT
-from loco_learning.thesis import chapter7
+from loco_learning.thesis import chapter7, evidence
+from loco_learning.thesis.evidence import Evidence
 from loco_learning.thesis.registry import MEASURES
 
 from .made import Given, case, curve
@@ -237,8 +238,8 @@ def test_a_filter_of_forces_is_judged_beside_ideal_ones(noise, monkeypatch):
     t = chapter7.TICK * np.arange(2000)
     ideal = 300.0 + 200.0 * np.sin(2.0 * np.pi * 1.7 * t)[:, None].repeat(4, 1)
     raw = ideal + np.random.default_rng(3).normal(0.0, noise, ideal.shape)
-    monkeypatch.setattr(chapter7, "_forces", lambda effects, seed=0: raw if effects else ideal)
-    found = MEASURES["force_filter"](Given())
+    monkeypatch.setattr(chapter7, "_forces", lambda run, seed: raw if run.effects else ideal)
+    found = MEASURES["force_filter"](Evidence(evidence.plan("quick"), None))
     assert len(found["phase_shift_strides"]) == 5 and found["phase_shift_strides"].max() < 0.1
     if noise:
         assert found["raw_amplitude_error"].min() > 0.5 > found["filtered_over_raw"].max()

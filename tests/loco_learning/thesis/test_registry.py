@@ -267,11 +267,11 @@ def test_every_measure_is_tested_on_results_whose_answer_is_known():
 # ---- plans
 
 
-@pytest.mark.parametrize("plan", ["quick", "medium", "full", "mujoco"])
+@pytest.mark.parametrize("plan", ["quick", "medium", "full", "mujoco", "ablations"])
 def test_every_study_of_a_plan_reads_and_serves_a_claim(plan):
     used = {name for claim in CLAIMS.values() for name in claim.evidence}
     for name, entry in evidence.plan(plan).items():
-        assert name in used
+        assert (entry.base or name) in used
         if entry.study:
             assert entry.load().variants
 
@@ -279,7 +279,7 @@ def test_every_study_of_a_plan_reads_and_serves_a_claim(plan):
 def test_a_plan_has_the_runs_that_its_rules_require():
     """Seeds of each study whose rules count them; a study with one seed has one draw."""
     by_place = {"regions", "damping", "falls_coincide"}  # a run is a point of the grid
-    for plan in ("quick", "medium", "full", "mujoco"):
+    for plan in ("quick", "medium", "full", "mujoco", "ablations"):
         for name, entry in evidence.plan(plan).items():
             needs = [c.runs for c in JUDGED if c.evidence[0] == name and c.measure not in by_place]
             if entry.study and needs:
@@ -298,7 +298,54 @@ def test_an_entry_runs_on_its_engine_with_its_points():
     loaded = entry.load()
     assert len(list(loaded.cases())) == 9
     assert loaded.variants["open"].sim["engine"] == entry.physics == "mujoco"
-    assert dataclasses.replace(entry, name="msd").physics == "msd"
+    assert dataclasses.replace(entry, options={"preset": "thesis"}).physics == "msd"
+
+
+def test_a_claim_is_judged_by_its_runs_and_beside_by_those_with_a_change(tmp_path, monkeypatch):
+    """Each change replaces the entries that it repeats; claims of other entries have no row."""
+    entries = {
+        "x": Entry("x", "hyq_map", points=3),
+        "x_soft": Entry("x_soft", "hyq_map", base="x", change="soft"),
+        "y": Entry("y", "hyq_map"),
+    }
+    made = {"x": 1.5, "x_soft": 9.0, "y": 1.5}
+    monkeypatch.setattr(Evidence, "planned", lambda self, name: self.changed.get(name, name))
+    monkeypatch.setitem(MEASURES, "mine", lambda found: {"a": np.full(5, made[found.planned("x")])})
+    first, second = claim(tmp_path), dataclasses.replace(claim(tmp_path), evidence=("y",))
+    verdicts = registry.judge_all([first, second], Evidence(entries, tmp_path))
+    assert [(v.name, v.verdict) for v in verdicts] == [
+        ("0.0", AGREES), ("0.0, soft", DISAGREES), ("0.0", AGREES)
+    ]  # fmt: skip
+    assert registry.tally(verdicts) == "2 agrees"
+
+
+def test_a_change_is_beside_an_entry_of_its_plan(tmp_path):
+    path = tmp_path / "plan.yaml"
+    for text, word in (
+        ("a: {study: hyq_map, base: b, change: x}", "no base of a in"),
+        (
+            "a: {study: hyq_map}\nb: {study: hyq_map, base: a}",
+            "b must have both base and change",
+        ),
+    ):
+        path.write_text(text)
+        with pytest.raises((NameUnknownError, ParameterError)) as caught:
+            evidence.plan(str(path))
+        assert word in str(caught.value)
+
+
+def test_chapters_7_and_8_are_judged_with_held_torques_and_ours_beside():
+    """Section 4.3.2 of the thesis samples its impedances at 250 Hz."""
+    for plan in ("quick", "medium", "full", "mujoco", "ablations"):
+        entries = evidence.plan(plan)
+        judged = {c.evidence[0] for c in JUDGED if c.number[0] in "789"}
+        for name, entry in entries.items():
+            if name in judged:
+                drives = [each.overrides for each in entry.load().variants.values()]
+                assert all(d["drives.*.torque"] == "held" for d in drives), (plan, name)
+                assert all(d["drives.*.period"] == 0.004 for d in drives), (plan, name)
+        beside = {e.base for e in entries.values() if e.change == "torque continuous"}
+        assert beside == {"map", "open_loop", "stiffness", "chapter8"}, plan
 
 
 def test_a_range_reads_as_a_sentence():

@@ -11,7 +11,7 @@ from __future__ import annotations
 import json
 import logging
 from collections.abc import Callable
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -41,7 +41,7 @@ class Plan:
     """Numbers of jobs and their budgets; by default those of the plan ``quick``."""
 
     nodes: tuple[int, ...] = (3, 4, 5, 6, 8, 10, 12, 15, 20, 26)
-    repetitions: int = 5
+    repetitions: int = 10
     disturbed: tuple[int, int] = (10, 1)  # gaits of 20 nodes with noise in their loop; draws of it
     budget: tuple[int, int] = (250, 1500)  # number of evaluations: per node, and constant
     omega_nodes: tuple[int, ...] = (5, 10, 15, 20)
@@ -52,10 +52,14 @@ class Plan:
     power_frequencies: tuple[float, ...] = (1.0, 2.0, 3.0, 4.0)  # [Hz]
     power_repetitions: int = 1
     power_evaluations: int = 4000
-    loop_repetitions: int = 5
+    loop_repetitions: int = 10
     noises: tuple[float, ...] = _levels(25)
     regularisations: tuple[float, ...] = (1e-6, 1e-4, 1e-2, 1.0, 100.0, 1e4)
+    changes: dict[str, Any] = field(default_factory=dict)  # values of each search's `MsdTask`
 
+
+# Searches of the grid of quick for claims 6.1 to 6.7, without closed loops.
+_ABLATION = Plan(repetitions=5, powers=(), loop_repetitions=0, disturbed=(0, 0), noises=())
 
 PLANS = {
     "quick": Plan(),
@@ -64,17 +68,17 @@ PLANS = {
     ),
     "full": Plan(
         nodes=tuple(range(3, 27)),
-        repetitions=10,
         disturbed=(10, 10),
         budget=(1100, 3000),
-        omega_repetitions=5,
         omega_evaluations=10000,
         powers=(100.0, 500.0, 1e3, 2.5e3, 5e3, 7.5e3, 1e4, 1.25e4, 1.5e4, 1.75e4, 2e4),
         power_repetitions=5,
         power_evaluations=15000,
-        loop_repetitions=10,
         noises=_levels(75),
     ),
+    "ablation": _ABLATION,
+    "ablation_noise": replace(_ABLATION, changes={"noise_of": "author_code"}),
+    "ablation_damping": replace(_ABLATION, changes={"damping": 1.0}),
 }
 
 
@@ -112,13 +116,13 @@ def gait_jobs(p: Plan, preset: str) -> list[Job]:
         evaluations = p.budget[0] * nodes + p.budget[1]
         more = p.disturbed[0] if nodes == biggest(p) else 0
         for seed in range(max(p.repetitions, more)):
-            t = task(preset, nodes=nodes, evaluations=evaluations, seed=seed)
+            t = task(preset, nodes=nodes, evaluations=evaluations, seed=seed, **p.changes)
             jobs.append(Job(f"nodes_{nodes}_{seed}", t))
     for nodes in p.omega_nodes:
         for k, frequency in enumerate(p.frequencies):
             for seed in range(p.omega_repetitions):
                 t = task(preset, nodes=nodes, frequency=frequency, seed=seed,
-                         evaluations=p.omega_evaluations)  # fmt: skip
+                         evaluations=p.omega_evaluations, **p.changes)  # fmt: skip
                 jobs.append(Job(f"omega_{nodes}_{k}_{seed}", t))
     for power in p.powers:
         for frequency in p.power_frequencies:
@@ -127,7 +131,7 @@ def gait_jobs(p: Plan, preset: str) -> list[Job]:
                 # those of the author's code.
                 t = task(
                     preset, frequency=frequency, seed=seed, evaluations=p.power_evaluations,
-                    power="author", score="budget", power_ref=power, speed_ref=100.0,
+                    power="author", score="budget", power_ref=power, speed_ref=100.0, **p.changes,
                 )  # fmt: skip
                 jobs.append(Job(f"power_{power:g}_{frequency:g}_{seed}", t))
     return jobs

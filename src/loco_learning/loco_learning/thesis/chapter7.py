@@ -8,7 +8,6 @@ all 16 outputs. A value is that of one network (seed), if its measure names no o
 from __future__ import annotations
 
 from collections.abc import Callable
-from functools import cache
 
 import numpy as np
 from scipy.stats import linregress, spearmanr
@@ -17,6 +16,7 @@ from ..metrics import signals
 from ..params import OPEN
 from ..reflex.senses import FootForces
 from ..runs import experiment as experiments
+from ..runs.experiment import Experiment
 from ..runs.rollout import build, rollout
 from ..study import maps
 from ..study.case import CaseResult
@@ -316,13 +316,11 @@ def real_like(evidence: Evidence) -> Numbers:
     }
 
 
-@cache
-def _forces(effects: bool, seed: int = 0) -> np.ndarray:
+def _forces(experiment: Experiment, seed: int) -> np.ndarray:
     """Vertical forces on the feet in an open loop of 12 s [N], the last 8 s, (T, 4)."""
     changes = {"learner.enabled": False, "learner.train": 11.0, "learner.closing": 0.0,
                "learner.test": 0.0}  # fmt: skip
-    changes |= {} if effects else {"effects": []}
-    return rollout(experiments.load("hyq_real_like", changes), seed).grf[-2000:, :, 2]
+    return rollout(experiments.override(experiment, changes), seed).grf[-2000:, :, 2]
 
 
 @measure
@@ -331,13 +329,14 @@ def force_filter(evidence: Evidence) -> Numbers:
 
     One value is that of one draw of the noise and of the pushes.
     """
-    ideal = _forces(False)
+    variants = evidence.planned("real_like").variants
+    ideal = _forces(variants["ideal"], 0)
     scale = float(np.mean(np.ptp(ideal, axis=0)))
     angle = 1.7 * TICK * np.arange(len(ideal))
     rows = []
     for seed in range(LEAST_RUNS):
-        raw = _forces(True, seed)
-        step = FootForces(experiments.load("hyq_real_like").learner).grf_filter.step
+        raw = _forces(variants["real_like"], seed)
+        step = FootForces(variants["real_like"].learner).grf_filter.step
         filtered = np.array([step(row).copy() for row in raw])
         errors = [abs(float(np.mean(np.ptp(f, axis=0))) / scale - 1.0) for f in (raw, filtered)]
         lag = signals.phase_lag(raw, filtered, angle, round(1.0 / (1.7 * TICK)))

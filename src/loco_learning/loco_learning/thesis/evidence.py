@@ -36,6 +36,8 @@ class Entry:
         points: Points of spaced axes: a number for all, or by axis; None as in the study.
         seeds: Number of seeds; None for all.
         overrides: Values by dotted name for every variant.
+        base: Name of the entry that this one repeats with a change.
+        change: The change in words.
         options: Settings of an entry that is not a study.
     """
 
@@ -45,12 +47,14 @@ class Entry:
     points: Any = None
     seeds: int | None = None
     overrides: dict[str, Any] = dataclasses.field(default_factory=dict)
+    base: str = ""
+    change: str = ""
     options: dict[str, Any] = dataclasses.field(default_factory=dict)
 
     @property
     def physics(self) -> str:
         """Engine that runs it; chapter 6 has an integrator of its own."""
-        return "msd" if self.name == "msd" else self.engine
+        return "msd" if "preset" in self.options else self.engine
 
     def load(self) -> Study:
         """The study with the settings of this plan."""
@@ -72,33 +76,40 @@ def plan(name: str) -> dict[str, Entry]:
         ParameterError: The file is not a plan.
     """
     if name.endswith(".yaml"):
-        return _cases_of(name)
+        return _entries(name, read_yaml(Path(name)))
     plans = read_yaml(file("plans.yaml"))
     if name not in plans:
         raise NameUnknownError("plan", name, plans)
-    return {key: Entry(key, **values) for key, values in plans[name].items()}
+    return _entries(name, plans[name])
 
 
 @understood("plan")
-def _cases_of(path: str) -> dict[str, Entry]:
+def _entries(where: str, rows: Mapping[str, Any]) -> dict[str, Entry]:
     keys = [field.name for field in dataclasses.fields(Entry)][1:]
-    rows = read_yaml(Path(path))
     for name, row in rows.items():
         if not isinstance(row, Mapping):
-            raise ParameterError(f"{path}: {name} must be like {{study: NAME}}, got {shown(row)}")
+            raise ParameterError(f"{where}: {name} must be like {{study: NAME}}, got {shown(row)}")
         for key in row:
             if key not in keys:
-                raise NameUnknownError(f"key in {name} of {path}", str(key), keys)
+                raise NameUnknownError(f"key in {name} of {where}", str(key), keys)
+        if bool(row.get("base")) != bool(row.get("change")):
+            raise ParameterError(f"{where}: {name} must have both base and change, or neither")
+        if row.get("base", name) not in rows:
+            raise NameUnknownError(f"base of {name} in {where}", str(row["base"]), rows)
     return {str(name): Entry(str(name), **row) for name, row in rows.items()}
 
 
 class Evidence:
     """Results of a plan, read on demand of a measure.
 
+    With a `change`, the entries that have it are read instead of their bases: `changed` has their
+    names.
+
     Args:
         entries: Entries of the plan.
         folder: Folder that holds a folder per entry.
         others: Results of entries that are not studies, by name, as functions without arguments.
+        change: One of the plan's changes; empty for the entries as they are judged.
     """
 
     def __init__(
@@ -106,9 +117,28 @@ class Evidence:
         entries: dict[str, Entry],
         folder: Path,
         others: dict[str, Callable[[], Any]] | None = None,
+        change: str = "",
     ):
         self.entries, self.folder, self._other_results = entries, folder, others or {}
+        self.change = change
+        self.changed = {e.base: n for n, e in entries.items() if change and e.change == change}
         self._read: dict[str, Any] = {}
+
+    def with_changes(self) -> list[Evidence]:
+        """The same results with each change of the plan."""
+        changes = dict.fromkeys(e.change for e in self.entries.values() if e.change)
+        return [Evidence(self.entries, self.folder, self._other_results, c) for c in changes]
+
+    def planned(self, name: str) -> Study:
+        """A study, whether or not it was run.
+
+        Raises:
+            NotRunError: The plan does not contain it.
+        """
+        name = self.changed.get(name, name)
+        if name not in self.entries:
+            raise NotRunError(f"{name} is not in this plan")
+        return self.entries[name].load()
 
     def study(self, name: str) -> tuple[Study, list[CaseResult]]:
         """A study and its results.
@@ -116,10 +146,9 @@ class Evidence:
         Raises:
             NotRunError: The plan does not contain it, or some of its cases were not run.
         """
+        name = self.changed.get(name, name)
         if name not in self._read:
-            if name not in self.entries:
-                raise NotRunError(f"{name} is not in this plan")
-            loaded = self.entries[name].load()
+            loaded = self.planned(name)
             self._read[name] = loaded, studies.stored(loaded, self.folder / name)
         loaded, cases = self._read[name]
         if missing := sum(1 for _ in loaded.cases()) - len(cases):
@@ -132,6 +161,7 @@ class Evidence:
         Raises:
             NotRunError: The entry has no result.
         """
+        name = self.changed.get(name, name)
         if name not in self._other_results:
             raise NotRunError(f"{name} was not run")
         if name not in self._read:

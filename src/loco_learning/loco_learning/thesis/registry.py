@@ -23,7 +23,7 @@ import json
 import math
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -147,6 +147,7 @@ class Verdict:
         verdict: One of `VERDICTS`.
         reason: Why it is not "agrees": explanation, or what is missing.
         numbers: Numbers of the measure, by name.
+        change: Change of the runs; empty for the verdict on the thesis.
     """
 
     claim: Claim
@@ -154,6 +155,12 @@ class Verdict:
     verdict: str
     reason: str = ""
     numbers: Numbers = field(default_factory=dict)
+    change: str = ""
+
+    @property
+    def name(self) -> str:
+        """Number of the claim, and the change."""
+        return f"{self.claim.number}, {self.change}" if self.change else self.claim.number
 
 
 def file(name: str) -> Path:
@@ -269,6 +276,20 @@ def _compared(bound: Bound, values: np.ndarray, runs: int) -> tuple[bool | None,
 # ---- verdicts
 
 
+def judge_all(claims: Iterable[Claim], evidence: Any) -> list[Verdict]:
+    """Verdicts on claims; after each those by its runs with each change, where these were run."""
+    verdicts, changed = [], evidence.with_changes()
+    for claim in claims:
+        verdicts.append(judge(claim, evidence))
+        if claim.holds or claim.robot:
+            continue
+        for other in changed:
+            if claim.evidence[0] in other.changed:
+                found = judge(claim, other)
+                verdicts += [replace(found, change=other.change)] if found.numbers else []
+    return verdicts
+
+
 def judge(claim: Claim, evidence: Any) -> Verdict:
     """Verdict on one claim from the results of a plan."""
     try:
@@ -306,7 +327,7 @@ def decide(claim: Claim, numbers: Numbers) -> Verdict:
 
 
 def as_json(verdicts: Iterable[Verdict]) -> str:
-    """Numbers of each run by claim, one line each, to six digits; "nan" and "inf" are strings."""
+    """Numbers of each run by name of the verdict, to six digits; "nan" and "inf" are strings."""
 
     def short(value: float) -> float | int | str:
         rounded = float(f"{value:.6g}")
@@ -318,12 +339,12 @@ def as_json(verdicts: Iterable[Verdict]) -> str:
     for v in verdicts:
         lists = {k: [short(x) for x in value] if np.ndim(value) else short(value)
                  for k, value in v.numbers.items()}  # fmt: skip
-        lines.append(f'"{v.claim.number}": {json.dumps(lists)}')
+        lines.append(f"{json.dumps(v.name)}: {json.dumps(lists)}")
     return "{\n" + ",\n".join(lines) + "\n}\n"
 
 
 def from_json(text: str) -> dict[str, Numbers]:
-    """Numbers by claim from the text of `as_json`."""
+    """Numbers by name of the verdict from the text of `as_json`."""
     return {
         claim: {
             k: np.array([float(x) for x in value]) if isinstance(value, list) else float(value)
@@ -334,8 +355,8 @@ def from_json(text: str) -> dict[str, Numbers]:
 
 
 def tally(verdicts: Iterable[Verdict]) -> str:
-    """Number of each verdict that occurs: "13 agrees, 11 disagrees, 23 open"."""
-    counts = Counter(v.verdict for v in verdicts)
+    """Number of each verdict that occurs: "13 agrees, 11 disagrees, 23 open"; without changes."""
+    counts = Counter(v.verdict for v in verdicts if not v.change)
     return ", ".join(f"{counts[verdict]} {verdict}" for verdict in VERDICTS if counts[verdict])
 
 

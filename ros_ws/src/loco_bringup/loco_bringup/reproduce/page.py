@@ -72,8 +72,8 @@ def write(
     """
     lines = [
         f"# {title}", "", f"Made by `{command}`. {_RULES}", "", f"{registry.tally(verdicts)}.", "",
-        "| claim | thesis | says | rule | rule of | found | verdict | runs |",
-        "| --- | --- | --- | --- | --- | --- | --- | --- |",
+        "| claim | thesis | says | rule | rule of | change | found | verdict | runs |",
+        "| --- | --- | --- | --- | --- | --- | --- | --- | --- |",
         *(_row(v, entries, folder) for v in verdicts), "",
     ]  # fmt: skip
     for heading, items in _reasons(verdicts):
@@ -115,10 +115,10 @@ def page(
     folder: Path,
 ) -> str:
     """HTML text of the page of a reproduction; arguments are those of `write`."""
-    counts = Counter(v.verdict for v in verdicts)
+    counts = Counter(v.verdict for v in verdicts if not v.change)
     header = html.join([
         html.paragraph("Made by", html.code(command) + ".", _RULES, soft=True),
-        html.cards([(name.capitalize(), str(counts[name]), f"of {len(verdicts)}")
+        html.cards([(name.capitalize(), str(counts[name]), f"of {counts.total()}")
                     for name in registry.VERDICTS if counts[name]]),
     ])  # fmt: skip
     sections = [html.part("Claims", lambda: _claims(verdicts, entries, folder), long=True)]
@@ -138,26 +138,34 @@ def _claims(verdicts: Sequence[Verdict], entries: Mapping[str, Entry], folder: P
             (html.link(name, target) if target else Markup.escape(name)) + f" {engine}"
             for name, target, engine in _runs(v, entries, folder)
         ]
-        rows.append((html.strong(v.claim.number), v.claim.item, v.claim.says, v.claim.rule_text,
-                     v.claim.since, v.text, v.verdict, Markup(", ").join(links)))  # fmt: skip
-    head = ("Claim", "Thesis", "Says", "Rule", "Rule of", "Found", "Verdict", "Runs")
+        rows.append((html.strong(v.claim.number), *_once(v), v.change, v.text, v.verdict,
+                     Markup(", ").join(links)))  # fmt: skip
+    head = ("Claim", "Thesis", "Says", "Rule", "Rule of", "Change", "Found", "Verdict", "Runs")
     return html.table(head, rows, marks=[MARKS.get(v.verdict, "so") for v in verdicts])
 
 
 def _row(v: Verdict, entries: Mapping[str, Entry], folder: Path) -> str:
     runs = [f"[{name}]({target}) {engine}".strip() if target else f"{name} {engine}".strip()
             for name, target, engine in _runs(v, entries, folder)]  # fmt: skip
-    cells = (v.claim.number, v.claim.item, v.claim.says, v.claim.rule_text, v.claim.since, v.text,
-             f"**{v.verdict}**", ", ".join(runs))  # fmt: skip
+    cells = (v.claim.number, *_once(v), v.change, v.text, f"**{v.verdict}**", ", ".join(runs))
     return "| " + " | ".join(cells) + " |"
+
+
+def _once(v: Verdict) -> tuple[str, ...]:
+    """Cells of the claim and its rule; rows of changes do not repeat them."""
+    c = v.claim
+    return ("",) * 4 if v.change else (c.item, c.says, c.rule_text, c.since)
 
 
 def _runs(v: Verdict, entries: Mapping[str, Entry], folder: Path) -> list[tuple[str, str, str]]:
     """Name, page (empty without one) and engine of the runs of a claim."""
-    return [
-        (name, _target(name, folder), entries[name].physics)
-        for name in v.claim.evidence if name in entries
-    ]  # fmt: skip
+    return [(e.name, _target(e.name, folder), e.physics) for e in _entries(v, entries)]
+
+
+def _entries(v: Verdict, entries: Mapping[str, Entry]) -> list[Entry]:
+    """Entries by which a claim was judged, with its change."""
+    return [e for e in entries.values()
+            if e.change == v.change and (e.base or e.name) in v.claim.evidence]  # fmt: skip
 
 
 def _target(name: str, folder: Path) -> str:
@@ -173,10 +181,9 @@ def _reasons(verdicts: Sequence[Verdict]) -> list[tuple[str, list[tuple[str, str
     titles = {registry.DISAGREES: "Disagreements", registry.OPEN: "Open",
               registry.HOLDS: "Hold by construction",
               registry.ROBOT: "Cannot be judged without the robot"}  # fmt: skip
-    sections = [
-        (title, [(v.claim.number, v.reason) for v in verdicts if v.verdict == verdict])
-        for verdict, title in titles.items()
-    ]
+    verdicts = [v for v in verdicts if not v.change]
+    sections = [(title, [(v.claim.number, v.reason) for v in verdicts if v.verdict == verdict])
+                for verdict, title in titles.items()]  # fmt: skip
     notes = [(v.claim.number, v.claim.note or v.claim.exact) for v in verdicts
              if v.claim.note or v.claim.exact]  # fmt: skip
     return [(title, items) for title, items in [*sections, ("Remarks on rules", notes)] if items]
@@ -185,10 +192,11 @@ def _reasons(verdicts: Sequence[Verdict]) -> list[tuple[str, list[tuple[str, str
 def _csv(verdicts: Sequence[Verdict], entries: Mapping[str, Entry]) -> str:
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(("claim", "item", "rule", "rule of", "found", "verdict", "reason", "engine"))
+    head = ("claim", "item", "rule", "rule of", "change", "found", "verdict", "reason", "engine")
+    writer.writerow(head)
     for v in verdicts:
-        engines = sorted({entries[name].physics for name in v.claim.evidence if name in entries})
+        engines = sorted({entry.physics for entry in _entries(v, entries)})
         c = v.claim
-        row = (c.number, c.item, c.rule_text, c.since, v.text, v.verdict, v.reason)
+        row = (c.number, c.item, c.rule_text, c.since, v.change, v.text, v.verdict, v.reason)
         writer.writerow((*row, " ".join(engines)))
     return text.getvalue()

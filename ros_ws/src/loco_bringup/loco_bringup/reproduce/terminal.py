@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import argparse
+from functools import partial
 from pathlib import Path
 
 from loco_control.exceptions import ParameterError
@@ -60,20 +61,21 @@ def reproduce(
     scheduler: str = "",
     only_cost: bool = False,
 ) -> int:
-    """Run the entries of a plan that the claims of `what` need; judge and write the page."""
+    """Run the entries of a plan that its claims of `what` need; judge and write the page."""
     folder = folder or Path("results") / f"thesis_{Path(plan).stem}"
     if not only_cost:
         check_writable(folder)
     entries = evidence.plan(plan)
-    claims = [c for c in registry.claims() if c.number.startswith(WHAT[what])]
+    claims = [c for c in registry.claims()
+              if c.number.startswith(WHAT[what]) and c.evidence[0] in entries]  # fmt: skip
     needed = {name for claim in claims for name in claim.evidence}
     for name, entry in entries.items():
-        if name in needed:
+        if (entry.base or name) in needed:
             _run(entry, folder / name, workers, scheduler, only_cost)
     if only_cost:
         return 0
     results = Evidence(entries, folder, _other_results(entries, folder))
-    verdicts = [registry.judge(claim, results) for claim in claims]
+    verdicts = registry.judge_all(claims, results)
     drawn = page.thesis_figures(results, folder)
     title, command = f"Claims of the thesis, {plan} plan", f"loco reproduce {what} --plan {plan}"
     written = page.write(title, command, verdicts, drawn, entries, folder)
@@ -89,7 +91,7 @@ def _run(entry: Entry, folder: Path, workers: int, scheduler: str, only_cost: bo
             write(loaded, results, folder)
     elif only_cost:
         console.print(f"{entry.name}: not timed; its own command tells its progress")
-    elif entry.name == "msd":
+    elif "preset" in entry.options:
         _run_msd(entry, folder, workers, scheduler)
     else:
         options = CalibrationParams(generations=entry.options["generations"])
@@ -105,8 +107,9 @@ def _other_results(entries: dict[str, Entry], folder: Path) -> dict:
     readers = {}
     if (folder / "calibration" / calibrator.results.FILE).is_file():
         readers["calibration"] = lambda: calibrator.results.load(folder / "calibration")
-    if "msd" in entries and (folder / "msd" / "runs").is_dir():
-        readers["msd"] = lambda: _msd_results(entries["msd"], folder / "msd")
+    for name, entry in entries.items():
+        if "preset" in entry.options and (folder / name / "runs").is_dir():
+            readers[name] = partial(_msd_results, entry, folder / name)
     return readers
 
 
@@ -114,7 +117,7 @@ def show(verdicts: list[Verdict], written: Path) -> int:
     """Print the verdicts and the path of their page; returns 0."""
     for v in verdicts:
         lines = (
-            f"{v.claim.number:>5}  {v.verdict}: {v.claim.says}",
+            f"{v.name:>5}  {v.verdict}: {v.claim.says}",
             f"       rule: {v.claim.rule_text}",
             f"       found: {v.text}",
             v.reason and f"       {v.reason}",
