@@ -208,7 +208,7 @@ def test_a_case_that_fails_is_an_error_the_others_go_on_and_it_is_tried_again(
         (["--cases", "0"], "--cases must be above 0"),
         (["--baselines", "luck"], "unknown baseline"),
         (["--settings", "27"], "--settings must be 0 to 26, got 27"),
-        (["--settings", "1", "--robots", "hyq_trot"], "--settings is for robots that are held"),
+        (["--settings", "1", "--robots", "hyq_trot"], "--settings is for listed robots"),
     ],
 )
 def test_mistakes_are_told(words, said):

@@ -23,11 +23,11 @@ def test_the_first_cases_do_not_depend_on_how_many_are_asked_for():
 
 
 def test_a_battery_has_all_kinds_on_all_robots():
-    made = cases.plan(120, 1001)
+    made = cases.plan(160, 1001)
     kinds_of = Counter(c.kind for c in made)
-    assert kinds_of == {"single": 72, "pair": 18, "outsider": 18, "null": 12}
+    assert kinds_of == {"single": 96, "pair": 24, "outsider": 24, "null": 16}
     assert {c.robot for c in made} == set(machines.MACHINES)
-    assert len({c.name for c in made}) == len({c.seed for c in made}) == 120
+    assert len({c.name for c in made}) == len({c.seed for c in made}) == 160
     used = {name for c in made if c.kind == "single" for name in c.wanted}
     assert len(used) > 0.9 * len(kinds.KINDS)
 

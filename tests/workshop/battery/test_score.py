@@ -6,6 +6,7 @@ from __future__ import annotations
 import pytest
 
 from loco_workshop.battery import page, score, score_text
+from loco_workshop.battery.physics import machines
 
 pytestmark = pytest.mark.usefixtures("short")
 
@@ -133,7 +134,7 @@ def test_the_experiment_that_was_run_next_is_scored_beside_the_first_verdict():
      ("lf_lower_leg", "lf_lower_leg", True), ("lf_lower_leg", "lf_upper_leg", False)],
 )  # fmt: skip
 def test_places_are_compared_by_what_they_name(true, said, same):
-    assert score.same_place(score.machines.get("tigrillo"), true, said) is same
+    assert score.same_place(machines.get("tigrillo"), true, said) is same
 
 
 def test_parts_of_a_force_that_the_data_do_not_determine_do_not_count():

@@ -46,7 +46,7 @@ def test_each_way_changes_what_it_says(whole, way):
 def test_a_model_that_is_off_is_off_by_a_little_everywhere():
     m = machines.get("tigrillo")
     real = conditions.machine_of(m, Condition(off=True), 4)
-    for name, most in (("mass", conditions.MASS), ("inertia", 0.09)):
+    for name, most in (("mass", machines.OFF[0]), ("inertia", 0.09)):
         share = getattr(real.body, name) / np.where(
             getattr(m.body, name) == 0.0, 1.0, getattr(m.body, name)
         )

@@ -100,8 +100,9 @@ def test_a_hall_sensor_is_fine_where_its_magnet_is_near():
 def test_commands_stay_within_their_limits():
     for name in machines.MACHINES:
         m = machines.get(name)
-        for kind in excitation.RECORDS:
-            q, v = excitation.command(m, kind, 9)
+        for record in m.records:
+            q, v, effort = excitation.command(m, record.name, 9)
+            assert not effort.any()
             assert np.all(np.abs(q - m.centre) <= m.span + 1e-12)
             assert np.all(q >= m.body.lower[m.driven]) and np.all(q <= m.body.upper[m.driven])
             assert np.abs(v).max() <= m.fast

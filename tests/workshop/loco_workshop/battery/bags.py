@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import yaml
 
 from loco_bringup.bag.writer import BagWriter
 from loco_control.exceptions import BagError
@@ -22,8 +23,9 @@ from loco_control.ros.messages.joint_topics import JOINT_TOPICS
 
 from . import cases
 from .cases import Case
+from .drawn import fleet
 from .ground import trots, walkers
-from .physics import machines
+from .physics import plant
 from .physics.plant import Reading
 
 BAGS, TRUTH, RESULTS = "bags", "truth", "results"
@@ -51,9 +53,7 @@ def write(folder: Path, case: Case, robot: str = "") -> None:
     write_json(folder / TRUTH / f"{case.name}.json", cases.truth(case))  # written last
 
 
-def write_next(
-    folder: Path, name: str, record: str, moved: tuple[np.ndarray, np.ndarray]
-) -> None:
+def write_next(folder: Path, name: str, record: str, moved: tuple[np.ndarray, np.ndarray]) -> None:
     """Write the bag of one further experiment with the robot of a case.
 
     Args:
@@ -117,12 +117,15 @@ def write_bag(folder: Path, reading: Reading, robot: str) -> None:
     Raises:
         BagError: The disk is full.
     """
+    machine = fleet.get(robot)
     fields, values = ["position"], [reading.q]
     if reading.tau is not None:
         fields, values = [*fields, "effort"], [*values, reading.tau]
-    quantities, signals = ["position"], [reading.command]
-    if not machines.get(robot).servo:
-        quantities, signals = [*quantities, "velocity"], [*signals, reading.rate]
+    if reading.dq is not None:
+        fields, values = [*fields, "velocity"], [*values, reading.dq]
+    told = {"position": reading.command, "velocity": reading.rate, "effort": reading.effort}
+    quantities = list(machine.commands)
+    signals = [told[name] for name in quantities]
     rows = (
         ("joint_states", JointCodec(reading.joints, "joint_states", fields), values),
         ("joint_command", JointCodec(reading.driven, "joint_command", quantities), signals),
@@ -135,6 +138,11 @@ def write_bag(folder: Path, reading: Reading, robot: str) -> None:
             writer.write(f"/{name}", codec.pack(t, *columns), round(t * 1e9))
     finally:
         writer.close()
+    if machine.integrates:  # a recording does not tell the state of an integrator
+        rest = yaml.safe_dump(
+            {"format": 1, "records": [{"rest": -max(plant.SETTLE, machine.settle)}]}
+        )
+        write_whole(folder / "mapping.yaml", rest)
     if writer.failed:  # the bag is valid, but the record is truncated
         raise BagError(f"the bag {folder} is not complete: {writer.failed}")
 

@@ -22,6 +22,7 @@ from loco_learning.jobs import pool
 
 from . import bags, cases, sysid
 from .baselines import METHODS
+from .drawn import fleet
 from .ground.walkers import WALKERS
 from .trial import OTHERS, make, unfinished, work
 
@@ -42,14 +43,14 @@ def check(a: argparse.Namespace) -> None:
             raise ParameterError(f"--{what} must be above 0, got {getattr(a, what):g}")
     if not 0 <= a.settings <= len(OTHERS):
         raise ParameterError(f"--settings must be 0 to {len(OTHERS)}, got {a.settings}")
-    walking = [robot for robot in a.robots if robot in WALKERS]
-    if walking and (requested := [n for n in ("baselines", "follow", "settings") if getattr(a, n)]):
+    other = [robot for robot in a.robots if robot in WALKERS or robot == fleet.DRAWN]
+    if other and (requested := [n for n in ("baselines", "follow", "settings") if getattr(a, n)]):
         what = f"--{requested[0]}"
         raise ParameterError(
-            f"{what} is for robots that are held, not for {walking[0]}; leave it out"
+            f"{what} is for listed robots that are held, not for {other[0]}; leave it out"
         )
     if a.baselines is None:
-        a.baselines = [] if walking else [n for n in METHODS if n != SYSID or sysid.installed()]
+        a.baselines = [] if other else [n for n in METHODS if n != SYSID or sysid.installed()]
     for name in a.baselines:
         if name not in METHODS:
             raise ParameterError(f"unknown baseline {name!r}; known: {', '.join(METHODS)}")

@@ -16,6 +16,7 @@ import numpy as np
 from loco_control.exceptions import NameUnknownError
 
 from . import sizes
+from .drawn import fleet
 from .ground import hidden as ground
 from .ground import walkers
 from .physics import conditions, excitation, hidden, kinds, machines, plant
@@ -69,14 +70,14 @@ def plan(
     Args:
         count: Number of cases.
         seed: Seed of the battery.
-        robots: Machines and walkers; all machines by default.
+        robots: Machines, ``drawn`` and walkers; all machines by default.
         effects: Names or patterns; if given, all cases are single effects among these.
 
     Raises:
         NameUnknownError: There is no such robot or effect.
     """
     robots = list(robots) or list(machines.MACHINES)
-    available = (*machines.MACHINES, *walkers.WALKERS)
+    available = (*machines.MACHINES, fleet.DRAWN, *walkers.WALKERS)
     for robot in robots:
         if robot not in available:
             raise NameUnknownError("robot of the battery", robot, available)
@@ -100,6 +101,10 @@ def plan(
             deck.append(decks[key].pop())
         seed_i = seed * 10_000 + i
         how = conditions.draw(seed_i)
+        if robot == fleet.DRAWN:  # an integrator must be at rest when a record begins
+            robot = fleet.name_of(seed_i)
+            cut = how.way == "cut" and fleet.get(robot).integrates
+            how = replace(how, noise=1.0, way="" if cut else how.way)
         if robot in walkers.WALKERS:  # its bags are those of `loco run`
             how = replace(how, way="")
         planned.append(Case(f"case_{i:04d}", robot, kind, size, seed_i, tuple(deck), condition=how))
@@ -157,12 +162,13 @@ def _walking(case: Case, deck: Sequence[str], rng: np.random.Generator) -> Case:
 
 def readings(case: Case) -> dict[str, plant.Reading]:
     """Recordings of the robot of a filled case, by name of the record."""
-    machine = conditions.machine_of(machines.get(case.robot), case.condition, case.seed)
+    known = fleet.get(case.robot)
+    machine = conditions.machine_of(known, case.condition, case.seed)
     result = {}
-    for kind in excitation.RECORDS:
-        moved = excitation.command(machine, kind, case.seed)
-        name = "hold_out" if kind == excitation.HELD_OUT else f"fit_{kind}"
-        reading = plant.record(machine, case.effects, moved, case.seed, kind)
+    for record in machine.records:
+        moved = excitation.command(known, record.name, case.seed)
+        name = "hold_out" if record.judge else f"fit_{record.name}"
+        reading = plant.record(machine, case.effects, moved, case.seed, record.name)
         result[name] = conditions.recorded(reading, case.condition, case.seed)
     return result
 
@@ -175,7 +181,7 @@ def further(case: Case, name: str, moved: tuple[np.ndarray, np.ndarray]) -> plan
         name: Name of the record, part of the seed of the noise.
         moved: Commanded positions and velocities of the driven joints, (T, m) each.
     """
-    machine = conditions.machine_of(machines.get(case.robot), case.condition, case.seed)
+    machine = conditions.machine_of(fleet.get(case.robot), case.condition, case.seed)
     reading = plant.record(machine, case.effects, moved, case.seed, name)
     return conditions.recorded(reading, case.condition, case.seed)
 

@@ -17,11 +17,12 @@ import numpy as np
 from loco_learning.gap.verdict.decide import MORE, NAMED
 from loco_sim.effects import EFFECTS
 
+from .drawn import fleet
 from .ground import walkers
-from .physics import machines
 
 TWINS = tuple({name, *cls.identity.twins} for name, cls in EFFECTS.items() if cls.identity.twins)
-LEVEL = {"com_offset", "constant_force", "slope"}  # of one joint
+LEVEL = {"com_offset", "constant_force", "slope"}  # of one joint that turns
+STRAIGHT = {"constant_force", "slope", "torque_bias"}  # of one that slides
 LATE = frozenset({"command_delay", "sensor_latency"})  # effects of late stamps
 SURE = (NAMED, MORE)  # verdicts with a name, complete or not
 UNNAMED = ("ambiguous", "unknown", "no gap", "error")
@@ -51,9 +52,13 @@ def row(truth: Mapping[str, Any], result: Mapping[str, Any]) -> dict[str, Any]:
         "condition": (how.get("way") or "clean", OFF if how.get("off") else EXACT),
         "options": options, "error": result.get("error", ""),
     }  # fmt: skip
+    machine = _machine(truth["robot"])
+    cells["groups"] = (
+        (truth["robot"],) if truth["robot"] in walkers.WALKERS else fleet.groups(machine)
+    )
     equivalents = twins_of(truth["robot"])
     twin = next((sorted(t) for t in equivalents if set(true) <= t), None) if true else None
-    if true == ["sensor_latency"] and _machine(truth["robot"]).torque_noise:
+    if true == ["sensor_latency"] and machine.torque_noise:
         twin = None  # torque readings are not delayed, so the two can be distinguished
     hedged = verdict == "ambiguous" and any(set(true) <= set(o) for o in _groups(result))
     cells["named"] = verdict in SURE and bool(names or not result.get("names"))
@@ -115,7 +120,10 @@ def _groups(result: Mapping[str, Any]) -> list[list[str]]:
 
 def twins_of(robot: str) -> list[set[str]]:
     """Sets of effects that no data of a robot can distinguish."""
-    return [*TWINS, LEVEL] if len(_machine(robot).joints) == 1 else list(TWINS)
+    machine = _machine(robot)
+    if len(machine.joints) > 1:
+        return list(TWINS)
+    return [*TWINS, STRAIGHT if machine.body.slides[0] else LEVEL]
 
 
 def _both(
@@ -161,7 +169,7 @@ def _found(
 
 def _machine(robot: str) -> Any:
     """Machine or walker of a case."""
-    return walkers.get(robot) if robot in walkers.WALKERS else machines.get(robot)
+    return walkers.get(robot) if robot in walkers.WALKERS else fleet.get(robot)
 
 
 def same_place(machine: Any, true: str, said: str) -> bool:
@@ -229,8 +237,8 @@ def figures(rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
         "singles small": rates([r for r in singles if r["size"] == "small"]),
         "by size": {s: rates([r for r in singles if r["size"] == s])
                     for s in ("small", "medium", "large")},
-        "by robot": {name: rates([r for r in larger if r["robot"] == name])
-                     for name in sorted({r["robot"] for r in rows})},
+        "by robot": {name: rates([r for r in larger if name in r["groups"]])
+                     for name in sorted({g for r in rows for g in r["groups"]})},
         "by condition": {name: rates([r for r in larger if name in r["condition"]])
                          for name in sorted({c for r in rows for c in r["condition"]})},
         "false names, model a little off": share(

@@ -10,12 +10,14 @@ cannot be distinguished from links that are one percent heavier.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from functools import lru_cache
 
 import numpy as np
 from scipy.optimize import lsq_linear
 
-from .physics import conditions, excitation, kinds, machines, plant
+from .drawn import fleet
+from .physics import conditions, excitation, kinds, plant
 from .physics.hidden import Hidden
 from .physics.machines import Machine
 
@@ -23,7 +25,6 @@ TARGETS = {"small": 1.7, "medium": 5.0, "large": 15.0}  # whitened residual rms
 TOLERANCE, TRIES = 0.25, 7
 CHANCE = 2.5  # largest change due to the integration step [floors]
 SEEN = 0.75  # smallest accepted share of the target
-DEVIATION = (0.02, 0.04, 0.02, 0.02)  # standard deviation of mass, inertia, motor, servo speed
 MOST, ROUNDS = 2.5, 4  # bound [standard deviations]; iterations of the fit
 
 
@@ -32,7 +33,7 @@ def reference(robot: str, seed: int) -> tuple[tuple[np.ndarray, ...], np.ndarray
     """Readings without hidden effects, (T, C) per fit record, and their noise floor, (C,)."""
     machine = _quick(robot)
     nominal, gap, count = [], 0.0, 0
-    for kind in excitation.FIT:
+    for kind in excitation.fitted(machine):
         moved = excitation.command(machine, kind, seed)
         a = columns(plant.record(machine, (), moved, 1, kind))
         b = columns(plant.record(plant.coarser(machine), (), moved, 2, kind))
@@ -41,18 +42,24 @@ def reference(robot: str, seed: int) -> tuple[tuple[np.ndarray, ...], np.ndarray
     steps = [s.step if not len(s.table[0]) else 1e-4 for s in machine.sensors]
     if machine.torque_noise:
         steps += [machine.torque_noise] * len(machine.joints)
+    if machine.speed_noise is not None:
+        steps += machine.speed_noise.tolist()
     return tuple(nominal), np.sqrt(gap / count / 2.0 + np.square(steps) / 12.0)
 
 
 def _quick(robot: str) -> Machine:
-    """The machine with fewer integration steps, since sizes need not be exact."""
-    machine = machines.get(robot)
+    """The machine with fewer integration steps, since sizes need not be exact.
+
+    Its sensors are read at even times: two readings at other times cannot be compared.
+    """
+    machine = replace(fleet.get(robot), jitter=0.0)
     return machine.with_steps(machine.quick or machine.steps // 2)
 
 
 def columns(reading: plant.Reading) -> np.ndarray:
     """All sensors of a reading side by side, (T, C)."""
-    return reading.q if reading.tau is None else np.hstack((reading.q, reading.tau))
+    parts = (reading.q, reading.tau, reading.dq)
+    return np.hstack([part for part in parts if part is not None])
 
 
 def visibility(robot: str, effects: Sequence[Hidden], seed: int) -> float:
@@ -89,8 +96,9 @@ def _moved(machine: Machine, effects: Sequence[Hidden], robot: str, seed: int) -
     """
     nominal, floor = reference(robot, seed)
     rows = []
-    for kind, base in zip(excitation.FIT, nominal, strict=True):
-        moved = excitation.command(machine, kind, seed)
+    known = _quick(robot)
+    for kind, base in zip(excitation.fitted(known), nominal, strict=True):
+        moved = excitation.command(known, kind, seed)
         perturbed = columns(plant.record(machine, effects, moved, 1, kind))
         if not np.all(np.isfinite(perturbed)) or np.max(np.abs(perturbed)) > 1e4:
             return None
@@ -107,7 +115,7 @@ def doubts(robot: str, seed: int) -> tuple[np.ndarray, np.ndarray]:
         the Cholesky factor of their Gram matrix plus the prior (identity), (K, K).
     """
     machine = _quick(robot)
-    count = len(machine.joints) * (len(DEVIATION) if machine.servo else len(DEVIATION) - 1)
+    count = len(machine.joints) * (4 if machine.servo else 3)
     moved = [_moved(_off(machine, by), (), robot, seed).ravel() for by in np.eye(count)]
     jacobian = np.stack(moved, axis=1)
     return jacobian, np.linalg.cholesky(jacobian.T @ jacobian + np.eye(count))
@@ -117,7 +125,7 @@ def _off(machine: Machine, by: np.ndarray) -> Machine:
     """The machine with parameters changed by multiples `by` of their standard deviations."""
     shares = by.reshape(-1, len(machine.joints))
     return conditions.altered(
-        machine, *(1.0 + shares * np.array(DEVIATION[: len(shares)])[:, None])
+        machine, *(1.0 + shares * np.array(machine.doubt[: len(shares)])[:, None])
     )
 
 
@@ -128,7 +136,7 @@ def sized(
 
     None if it has no place on the robot, or does not reach this visibility within its bounds.
     """
-    drawn = kinds.draw(name, machines.get(robot), rng)
+    drawn = kinds.draw(name, fleet.get(robot), rng)
     if drawn is None:
         return None
     effect, low, high = drawn
@@ -162,7 +170,7 @@ def chance(robot: str, effect: Hidden, seed: int) -> float:
     machine = _quick(robot)
     _, floor = reference(robot, seed)
     largest = 0.0
-    for kind in excitation.FIT:
+    for kind in excitation.fitted(machine):
         moved = excitation.command(machine, kind, seed)
         a = columns(plant.record(machine, [effect], moved, 1, kind))
         b = columns(plant.record(plant.coarser(machine), [effect], moved, 2, kind))

@@ -28,8 +28,8 @@ from loco_sim.plant.model import Model
 
 from . import bags, baselines, cases
 from .cases import Case
+from .drawn import fleet
 from .ground import trots, walkers
-from .physics import machines
 from .physics.machines import Machine
 from .score import SURE
 
@@ -91,6 +91,10 @@ def make(folder: Path, case: Case, effects: tuple[str, ...]) -> None:
     if not bags.ready(folder, case.name):
         robot = model_of(case.robot).robot if case.robot in walkers.WALKERS else ""
         bags.write(folder, cases.fill(case, effects), robot)
+    if fleet.is_drawn(case.robot):  # for a reader who wants to run `loco gap` by hand
+        path = _foreign(fleet.get(case.robot))
+        for file in (path, path.with_suffix(".urdf")):
+            write_whole(folder / "robots" / file.name, file.read_text(encoding="utf-8"))
 
 
 def lacking(result: dict[str, Any], baselines: tuple[str, ...]) -> tuple[str, ...]:
@@ -162,7 +166,7 @@ def followed(folder: Path, case: Case, result: dict[str, Any], count: int) -> di
     """
     name = result["next"][0]["experiment"]
     place = folder / bags.BAGS / case.name
-    moved = motion(model_of(case.robot), name, machines.get(case.robot).rate)
+    moved = motion(model_of(case.robot), name, fleet.get(case.robot).rate)
     more = tuple(f"{bags.NEXT}_{k}" for k in range(1, count + 1))
     bags.write_next(folder, case.name, more[-1], moved)
     return {"experiment": name, **examined(place, case.robot, case.seed, more)}
@@ -223,7 +227,7 @@ def model_of(robot: str) -> Any:
     """Nominal model of a robot, including how its base is held."""
     if robot in walkers.WALKERS:
         return Model(trots.robot_of(walkers.get(robot), _folder()))
-    machine = machines.get(robot)
+    machine = fleet.get(robot)
     place = str(_foreign(machine)) if machine.urdf else machine.robot or robot
     return Model(place, dict(machine.overrides), [dict(e) for e in machine.known])
 
@@ -243,7 +247,8 @@ def _foreign(machine: Machine) -> Path:
     """
     path = _folder() / f"{machine.name}.yaml"
     if not path.is_file():
-        root = ET.parse(machine.urdf).getroot()
+        root = machine.urdf
+        root = ET.fromstring(root) if isinstance(root, str) else ET.parse(root).getroot()
         for link in root.iter("link"):
             for shape in (*link.findall("visual"), *link.findall("collision")):
                 link.remove(shape)
@@ -258,6 +263,7 @@ def _foreign(machine: Machine) -> Path:
                 joint: {"kind": "impedance", "kp": kp, "kd": kd}
                 for joint, (kp, kd) in zip(machine.joints, gains, strict=True)
             },
+            **machine.about,
         }  # fmt: skip
         write_whole(path, yaml.safe_dump(values, sort_keys=False))
     return path
@@ -278,4 +284,5 @@ def read(
     machine = model.make_robot()
     names = [*sorted(path.name for path in place.glob("fit_*")), *more]
     fit = [r for name in names if name != judge for r in load(place / name, machine)]
-    return model, fit, load(place / judge, machine)
+    held = load(place / judge, machine) if (place / judge).is_dir() else []
+    return model, fit, held

@@ -209,10 +209,9 @@ def _from_bag(
     matching = [r for r in rules.records if importing.fits(r, bag.path.name, {})]
     if not matching:
         raise BagError(f"no record of {rules.path} fits {bag.path.name}; see its 'records'")
-    return [
-        record
-        for i, rule in enumerate(matching)
-        for record in align.records(
+    result: list[Record] = []
+    for i, rule in enumerate(matching):
+        first, *later = align.records(
             rule.name or (f"{name} {i + 1}" if len(matching) > 1 else name),
             [_cut(track, rule) for track in signals],
             robot,
@@ -225,7 +224,8 @@ def _from_bag(
             mend=rules.mend,
             judge=judge,
         )
-    ]
+        result += [first.rested(-rule.rest), *later]  # after a cut, the robot was not at rest
+    return result
 
 
 def _cut(track: Track, rule: mapping.Rule) -> Track:

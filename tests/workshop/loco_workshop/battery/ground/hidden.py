@@ -15,9 +15,8 @@ from typing import Any
 
 import numpy as np
 
-from ..physics.conditions import INERTIA, MASS, MOTOR
 from ..physics.hidden import Hidden
-from ..physics.machines import GRAVITY
+from ..physics.machines import GRAVITY, OFF
 from .walkers import Walker
 
 Draw = Callable[[np.random.Generator, Walker, float], tuple[str, dict[str, Any]]]
@@ -138,7 +137,7 @@ def bodies(walker: Walker, effects: Sequence[Hidden], off: bool, seed: int) -> s
     root = walker.tree()
     rng = np.random.default_rng([seed, 11])
     for part in root.iter("inertial") if off else ():
-        heavier, rounder = 1.0 + rng.uniform(-MASS, MASS), 1.0 + rng.uniform(-INERTIA, INERTIA)
+        heavier, rounder = (1.0 + rng.uniform(-most, most) for most in OFF[:2])
         _scale(part, "mass", heavier)
         _scale(part, "inertia", heavier * rounder)
     for effect in effects:
@@ -161,7 +160,9 @@ def bodies(walker: Walker, effects: Sequence[Hidden], off: bool, seed: int) -> s
 def motors(walker: Walker, off: bool, seed: int) -> dict[str, float]:
     """Ratio of actual to commanded torque, by joint."""
     rng = np.random.default_rng([seed, 12])
-    wrong = rng.uniform(-MOTOR, MOTOR, len(walker.joints)) if off else np.zeros(len(walker.joints))
+    wrong = (
+        rng.uniform(-OFF[2], OFF[2], len(walker.joints)) if off else np.zeros(len(walker.joints))
+    )
     return dict(zip(walker.joints, (1.0 + wrong).tolist(), strict=True))
 
 

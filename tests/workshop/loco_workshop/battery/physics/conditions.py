@@ -18,9 +18,9 @@ if TYPE_CHECKING:
 WAYS = ("", "late", "dropped", "half", "cut")  # recording faults; the first is none
 OFF = 1.0 / 3.0  # share of the cases whose model has small errors
 LATE = 0.01  # largest delay of a stamp [s]
+PERIODS = 2.5  # the same in periods of the readings
 DROPPED = 0.05  # share of lost samples
 CUT = 1.0  # removed start of a record [s]
-MASS, INERTIA, MOTOR = 0.03, 0.05, 0.03  # largest relative errors of a model
 
 
 @dataclass(frozen=True)
@@ -60,9 +60,7 @@ def machine_of(machine: Machine, condition: Condition, seed: int) -> Machine:
 def _off(machine: Machine, seed: int) -> Machine:
     rng = np.random.default_rng([seed, 9])
     n = len(machine.joints)
-    heavier = 1.0 + rng.uniform(-MASS, MASS, n)
-    rounder = 1.0 + rng.uniform(-INERTIA, INERTIA, n)
-    return altered(machine, heavier, rounder, 1.0 + rng.uniform(-MOTOR, MOTOR, n))
+    return altered(machine, *(1.0 + rng.uniform(-most, most, n) for most in machine.off))
 
 
 def altered(
@@ -95,7 +93,7 @@ def recorded(reading: Reading, condition: Condition, seed: int) -> Reading:
     rng = np.random.default_rng([seed, 10])
     rows, stamp = np.ones(len(reading.stamp), dtype=bool), reading.stamp
     if condition.way == "late":
-        max_delay = rng.uniform(0.0, LATE)
+        max_delay = rng.uniform(0.0, min(LATE, PERIODS * np.median(np.diff(stamp))))
         stamp = np.maximum.accumulate(stamp + rng.uniform(0.0, max_delay, len(stamp)))
     elif condition.way == "dropped":
         rows = rng.random(len(rows)) >= DROPPED
@@ -104,8 +102,11 @@ def recorded(reading: Reading, condition: Condition, seed: int) -> Reading:
     keep = np.ones(len(reading.t), dtype=bool)
     if condition.way == "cut":
         rows, keep = stamp >= CUT, reading.t >= CUT
+    measured = {"q": reading.q, "tau": reading.tau, "dq": reading.dq}
+    told = {"t": reading.t, "command": reading.command, "rate": reading.rate,
+            "effort": reading.effort}  # fmt: skip
     return replace(
-        reading, t=reading.t[keep], command=reading.command[keep], rate=reading.rate[keep],
-        stamp=stamp[rows], q=reading.q[rows],
-        tau=None if reading.tau is None else reading.tau[rows],
+        reading, stamp=stamp[rows],
+        **{name: values[rows] for name, values in measured.items() if values is not None},
+        **{name: values[keep] for name, values in told.items() if values is not None},
     )  # fmt: skip

@@ -79,6 +79,8 @@ class Engine:
             bodies.append(body)
         self._model = spec.compile()
         m, self._data = self._model, mujoco.MjData(self._model)
+        if [m.joint(name).id for name in tree.joints] != list(range(len(tree.joints))):
+            raise ValueError(f"joints must be listed depth first, got {', '.join(tree.joints)}")
         m.dof_solref[:] = 2.0 * dt, 1.0
         m.jnt_solref[:] = 2.0 * dt, DEAD_STOP
         m.dof_solimp[:] = m.jnt_solimp[:] = RIGID

@@ -24,8 +24,8 @@ class Kind:
     Attributes:
         strength: Name of the parameter that gives its size.
         low: Smallest reasonable strength, in `unit`; `high` is the largest.
-        among: Possible joints: all, driven, direct (driven, but not by a servo), sprung,
-            turning; or whole (the robot), body (a link).
+        among: Possible joints: all, driven, placed (driven by a loop on the position), direct
+            (driven, but not by a servo), sprung, turning; or whole (the robot), body (a link).
         unit: Unit of the bounds, computed from the robot (`scale`).
         signed: Whether it may be negative.
         draw: Function that draws the other parameters of the effect.
@@ -48,14 +48,20 @@ def span(m: Machine, j: int) -> float:
     return float(m.span[drive[0]]) if len(drive) else float(np.max(m.span))
 
 
+def speed(m: Machine, j: int) -> float:
+    """Largest commanded speed of a joint [rad/s]; for a passive joint that of any."""
+    drive = np.flatnonzero(m.driven == j)
+    return m.speed(int(drive[0])) if len(drive) else float(np.max(m.fast))
+
+
 def scale(unit: str, m: Machine, j: int) -> float:
     """Value of one unit of the bounds of a kind, for a joint of a machine."""
-    effort, sweep = float(m.body.effort[j]), span(m, j)
+    effort, sweep, fast = float(m.body.effort[j]), span(m, j), speed(m, j)
     return {
         "plain": 1.0, "torque": effort, "span": sweep, "curve": 1.0 / sweep, "bend": 1.0 / sweep**2,
-        "stiffness": effort / sweep, "cubic": effort / sweep**3, "damping": effort / m.fast,
-        "drag": effort / m.fast**2, "compliance": sweep / effort, "slope": 1.0 / m.fast,
-        "skew": sweep / m.fast**2, "inertia": float(joint_inertia(m)[j]),
+        "stiffness": effort / sweep, "cubic": effort / sweep**3, "damping": effort / fast,
+        "drag": effort / fast**2, "compliance": sweep / effort, "slope": 1.0 / fast,
+        "skew": sweep / fast**2, "inertia": float(joint_inertia(m)[j]),
         "mass": float(np.max(m.body.mass)), "force": effort / reach(m),
     }[unit]  # fmt: skip
 
@@ -66,7 +72,7 @@ def reach(m: Machine) -> float:
 
 
 def _stribeck(rng: np.random.Generator, m: Machine, j: int) -> dict[str, Any]:
-    return {"velocity": float(m.fast * rng.uniform(0.04, 0.1))}
+    return {"velocity": float(speed(m, j) * rng.uniform(0.04, 0.1))}
 
 
 def _backlash(rng: np.random.Generator, m: Machine, j: int) -> dict[str, Any]:
@@ -95,7 +101,9 @@ def _maxwell(rng: np.random.Generator, m: Machine, j: int) -> dict[str, Any]:
 
 def _series(rng: np.random.Generator, m: Machine, j: int) -> dict[str, Any]:
     rotor = scale("inertia", m, j) * rng.uniform(0.15, 0.3)
-    return {"inertia": float(rotor), "damping": float(2.0 * np.sqrt(m.drives[j, 1] * rotor))}
+    row = m.drives[j]
+    stiffness = row[1] + row[2] * row[5] or row[4] or scale("stiffness", m, j)
+    return {"inertia": float(rotor), "damping": float(2.0 * np.sqrt(stiffness * rotor))}
 
 
 def _saturation(rng: np.random.Generator, m: Machine, j: int) -> dict[str, Any]:
@@ -122,6 +130,11 @@ def _push(rng: np.random.Generator, m: Machine, j: int) -> dict[str, Any]:
             "start": float(start), "stop": float(start + rng.uniform(0.5, 1.2))}  # fmt: skip
 
 
+def _force(rng: np.random.Generator, m: Machine, j: int) -> dict[str, Any]:
+    return {"link": m.body.links[j], "point": m.body.com[j].tolist(),
+            "force": rng.standard_normal(3).tolist()}  # fmt: skip
+
+
 def _cable(rng: np.random.Generator, m: Machine, j: int) -> dict[str, Any]:
     away = np.array([rng.choice([-1.0, 1.0]) * rng.uniform(0.8, 1.1), 0.0, rng.uniform(0.1, 0.4)])
     return {"link": m.body.links[j], "point": m.body.com[j].tolist(), "anchor": away.tolist(),
@@ -141,8 +154,12 @@ KINDS: dict[str, Kind] = {
     "torque_limit": Kind("reduction", 0.05, 0.95, family="limit"),
     "torque_speed_line": Kind("slope", 0.05, 1.2, unit="slope", family="limit"),
     "supply_sag": Kind("sag", 0.001, 0.8, "whole", family="limit"),
+    "torque_bias": Kind("torque", 1e-3, 0.5, "driven", "torque", True, family="zero"),
+    "torque_ripple": Kind("sine", 1e-3, 0.5, "driven", "torque", True,
+                          lambda rng, m, j: {"count": float(2.0 * np.pi * rng.uniform(3.0, 6.0)
+                                                            / span(m, j))}, "ripple"),
     "torque_constant_error": Kind("error", 0.005, 0.5, signed=True, family="gain"),
-    "joint_offset": Kind("offset", 1e-4, 0.3, "driven", "span", True, family="zero"),
+    "joint_offset": Kind("offset", 1e-4, 0.3, "placed", "span", True, family="zero"),
     "added_stiffness": Kind("stiffness", 1e-4, 1.0, "all", "stiffness", draw=_rest,
                             family="spring"),
     "cubic_stiffness": Kind("cubic", 1e-4, 2.0, "all", "cubic", family="spring"),
@@ -160,6 +177,7 @@ KINDS: dict[str, Kind] = {
     "armature": Kind("inertia", 1e-3, 3.0, "turning", "inertia", family="mass"),
     "cable_force": Kind("stiffness", 1e-3, 3.0, "body", "force", draw=_cable, family="outside"),
     "push": Kind("force", 1e-3, 0.5, "body", "force", draw=_push, family="outside"),
+    "constant_force": Kind("force", 1e-3, 0.5, "body", "force", draw=_force, family="outside"),
     "sensor_bias": Kind("q", 1e-5, 0.3, "all", "span", True, family="zero"),
     "sensor_gain": Kind("q", 1e-4, 0.3, "all", signed=True, family="gain"),
     "sensor_nonlinearity": Kind("cubic", 1e-4, 1.0, "all", "bend", True,
@@ -168,15 +186,22 @@ KINDS: dict[str, Kind] = {
 }  # fmt: skip
 
 
-def _ripple(rng: np.random.Generator, m: Machine, j: int) -> dict[str, Any]:
-    return {"teeth": float(2.0 * np.pi * rng.uniform(3.0, 6.0) / span(m, j)),
-            "phase": float(rng.uniform(0.0, 2.0 * np.pi))}  # fmt: skip
+def _spot(rng: np.random.Generator, m: Machine, j: int) -> dict[str, Any]:
+    sweep, drive = span(m, j), np.flatnonzero(m.driven == j)
+    centre = float(m.centre[drive[0]]) + rng.uniform(-0.4, 0.4) * sweep
+    return {"centre": float(centre), "width": float(rng.uniform(0.1, 0.3) * sweep)}
+
+
+def _hum(rng: np.random.Generator, m: Machine, j: int) -> dict[str, Any]:
+    frequency = 2.0 * np.pi * m.band[1] * rng.uniform(0.3, 2.0)
+    return {"frequency": float(frequency), "phase": float(rng.uniform(0.0, 2.0 * np.pi))}
 
 
 OUTSIDERS: dict[str, Kind] = {  # effects that are not in the registry
     "friction_drift": Kind("torque", 1e-3, 0.5, "driven", "torque",
                            draw=lambda rng, m, j: {"time": float(rng.uniform(0.4, 0.9))}),
-    "gear_ripple": Kind("torque", 1e-3, 0.5, "driven", "torque", draw=_ripple),
+    "worn_spot": Kind("torque", 1e-3, 0.5, "driven", "torque", draw=_spot),
+    "hum": Kind("torque", 1e-3, 0.5, "driven", "torque", draw=_hum),
     "quadratic_drag": Kind("drag", 1e-3, 3.0, "driven", "drag"),
     "loose_mass": Kind("inertia", 1e-3, 2.0, "driven", "inertia", draw=lambda rng, m, j: {
         "frequency": float(rng.uniform(2.0, 5.0)), "ratio": float(rng.uniform(0.03, 0.1))}),
@@ -201,11 +226,18 @@ def places(kind: Kind, m: Machine) -> list[int]:
         "all": range(len(m.joints)),
         "body": range(len(m.joints)),
         "driven": m.driven,
+        "placed": [j for j in m.driven if _placed(m.drives[j])],
         "direct": [j for j in m.driven if m.drives[j, 0] != slots.SERVO],
         "sprung": m.sprung,
         "turning": [j for j in m.driven if not m.body.slides[j]],
     }[kind.among]
     return [int(j) for j in selected]
+
+
+def _placed(row: np.ndarray) -> bool:
+    """Whether a drive has a loop on the position, whose zero can be wrong."""
+    looped = row[0] == slots.IMPEDANCE and row[1] + row[3] + row[5] > 0.0
+    return bool(row[0] == slots.SERVO or looped)
 
 
 def draw(name: str, m: Machine, rng: np.random.Generator) -> tuple[Hidden, float, float] | None:

@@ -10,10 +10,12 @@ from .slots import (
     ABSORBER,
     BACKLASH,
     BENT,
+    BIAS,
     DEADBAND,
     DRAG,
     FADING,
     GAIN,
+    HUM,
     HYSTERESIS,
     JUMP,
     LIMIT,
@@ -30,7 +32,9 @@ from .slots import (
     SPRING_ERROR,
     STIFFNESS,
     STOP,
+    TORQUE,
     VISCOUS,
+    WOUND,
     Q,
     V,
 )
@@ -43,18 +47,26 @@ def within(x, limit):
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)
-def wanted(row, target, seen, speed):
-    """Commanded torque of an impedance or torque drive [N·m].
+def wanted(row, target, seen, speed, state, j, duration):
+    """Commanded torque of an impedance or torque drive [N·m]; its integrator is advanced.
 
     Args:
         row: Constants of the drive.
         target: Target position, velocity and feed-forward torque, (3,).
         seen: Encoder position of the drive [rad].
         speed: Velocity of the joint [rad/s].
+        state: State of the joints, (STATES, n).
+        j: Index of the joint.
+        duration: Time until the law is computed again [s].
     """
-    tau = target[2]
-    if row[0] == 2.0:
-        tau += row[1] * (target[0] - seen) + row[2] * (target[1] - speed)
+    if row[0] == TORQUE:
+        return within(row[1] * target[2] + row[2] - row[3] * speed, row[8])
+    error = target[0] - seen
+    lag = row[5] * error + row[6] * target[1] - speed
+    tau = row[1] * error + row[2] * lag + state[WOUND, j] + target[2]
+    slope = row[3] * error + row[4] * lag
+    if abs(tau) <= row[8] or slope * tau <= 0.0:  # it does not wind up
+        state[WOUND, j] = within(state[WOUND, j] + duration * slope, row[7])
     return within(tau, row[8])
 
 
@@ -158,13 +170,16 @@ def stop(x, v, row):
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)
-def strange(state, j, hidden):
+def strange(state, j, hidden, t):
     """Torque of laws that are not in the registry, and of viscous friction [N·m]."""
     q, v = state[Q, j], state[V, j]
     tau = -hidden[VISCOUS, j, 0] * v - hidden[DRAG, j, 0] * v * abs(v)
     tau -= hidden[ONE_WAY, j, 0] * max(0.0, v)
     if hidden[RIPPLE, j, 0] != 0.0:
         tau += hidden[RIPPLE, j, 0] * np.sin(hidden[RIPPLE, j, 1] * q + hidden[RIPPLE, j, 2])
+    tau += hidden[BIAS, j, 0] + hidden[HUM, j, 0] * np.sin(
+        hidden[HUM, j, 1] * t + hidden[HUM, j, 2]
+    )
     if hidden[ABSORBER, j, 2] > 0.0:
         lead, closing = state[LOOSE, j] - q, state[LOOSE_V, j] - v
         tau += hidden[ABSORBER, j, 0] * lead + hidden[ABSORBER, j, 1] * closing

@@ -39,6 +39,31 @@ class Sensor:
 
 
 @dataclass(frozen=True)
+class Record:
+    """A recording of a machine.
+
+    Attributes:
+        name: Name, part of the name of its bag.
+        kind: Kind of excitation, from `excitation.MAKERS`.
+        seconds: Duration [s]; 0 is `excitation.DURATION`.
+        judge: Whether it is held out.
+    """
+
+    name: str
+    kind: str
+    seconds: float = 0.0
+    judge: bool = False
+
+
+RECORDS = (  # of machines that do not say otherwise
+    *(Record(kind, kind) for kind in ("chirp", "steps", "ramp")),
+    Record("mix", "mix", judge=True),
+)
+OFF = (0.03, 0.05, 0.03)  # largest errors of mass, inertia and motor of a model that is off
+DEVIATION = (0.02, 0.04, 0.02, 0.02)  # of mass, inertia, motor, servo speed
+
+
+@dataclass(frozen=True)
 class Machine:
     """A robot of the battery.
 
@@ -52,7 +77,7 @@ class Machine:
         rest: Rest position of each joint's spring, else the standing pose [rad], (n,).
         sensors: Sensor of each joint.
         centre: Centre of the excitation of the driven joints [rad], (m,); `span` is its amplitude.
-        fast: Largest speed of a command [rad/s].
+        fast: Largest speed of a command [rad/s], one for all or (m,).
         band: Lowest and highest frequency of a chirp [Hz].
         torque_noise: Noise of the torque sensors [N·m], 0 without torque sensors.
         overrides: Values of robot.yaml in which the set-up differs.
@@ -61,7 +86,19 @@ class Machine:
         quick: Integration steps per tick during the search for sizes; 0 means half of `steps`.
         motor: Ratio of actual to modelled torque of each drive, (n,); None means 1.
         robot: Name of the robot for the workflow, if it differs.
-        urdf: URDF of a robot that loco lacks.
+        urdf: URDF of a robot that loco lacks, a file or its text.
+        about: Contents of robot.yaml of a robot that loco lacks; by default made from the drives.
+        commands: Parts of a command, from ``position``, ``velocity`` and ``effort``.
+        weight: Whether the command feeds forward the torque of the weight at its position.
+        records: Recordings of a case.
+        readings: Rate of the readings [Hz]; 0 is `rate`.
+        jitter: Standard deviation of the time at which the sensors are read [s].
+        speed_noise: Noise of the velocity sensors [rad/s], (n,), or None without them.
+        doubt: Standard deviations of mass, inertia, motor and servo speed that the model states,
+            as shares, (4,).
+        drive: Kind of its drives, for the score.
+        settle: Time for which the first command is held before a record [s], if longer than usual.
+        off: Largest errors of mass, inertia and motor of a model that is a little off, as shares.
     """
 
     name: str
@@ -74,7 +111,7 @@ class Machine:
     sensors: tuple[Sensor, ...]
     centre: np.ndarray
     span: np.ndarray
-    fast: float
+    fast: float | np.ndarray
     band: tuple[float, float]
     torque_noise: float = 0.0
     overrides: dict[str, Any] = field(default_factory=dict)
@@ -83,7 +120,18 @@ class Machine:
     quick: int = 0
     motor: np.ndarray | None = None
     robot: str = ""
-    urdf: Path | None = None
+    urdf: Path | str | None = None
+    about: dict[str, Any] = field(default_factory=dict)
+    commands: tuple[str, ...] = ("position", "velocity")
+    weight: bool = False
+    records: tuple[Record, ...] = RECORDS
+    readings: float = 0.0
+    jitter: float = 0.0
+    speed_noise: np.ndarray | None = None
+    doubt: tuple[float, ...] = DEVIATION
+    off: tuple[float, float, float] = OFF
+    settle: float = 0.0
+    drive: str = ""
 
     @property
     def joints(self) -> tuple[str, ...]:
@@ -110,6 +158,15 @@ class Machine:
         """Whether the drives are servos."""
         return bool(np.any(self.drives[:, 0] == slots.SERVO))
 
+    @property
+    def integrates(self) -> bool:
+        """Whether a drive has an integrator, whose state a recording does not tell."""
+        return bool(np.any(self.drives[self.drives[:, 0] == slots.IMPEDANCE, 3:5] > 0.0))
+
+    def speed(self, column: int) -> float:
+        """Largest speed of a driven joint, by its column of the command [rad/s]."""
+        return float(np.broadcast_to(self.fast, len(self.driven))[column])
+
     def with_steps(self, steps: int) -> Machine:
         """The machine with another number of integration steps per tick."""
         return replace(self, steps=steps)
@@ -128,20 +185,28 @@ def _servo(n: int, driven: list[int], effort: float = 2.6) -> np.ndarray:
     return rows
 
 
+def _impedance(kp: Any, kd: Any, effort: Any) -> np.ndarray:
+    """Drive constants of impedance drives, (n, DRIVE)."""
+    rows = np.zeros((len(kp), slots.DRIVE))
+    rows[:, 0], rows[:, 1], rows[:, 2] = slots.IMPEDANCE, kp, kd
+    rows[:, 6:9] = np.transpose(np.broadcast_arrays(np.ones(len(kp)), np.inf, effort))
+    return rows
+
+
 def servo_pendulum() -> Machine:
     """A rod of 0.5 kg and 0.4 m on a servo."""
     body = tree.read(_urdf("servo_pendulum"), ["pivot"])
     return Machine(
         "servo_pendulum", body, 100.0, _servo(1, [0]), np.zeros((1, slots.SPRING)),
         np.zeros(1), np.zeros(1), (Sensor(0.00506),), np.zeros(1), np.array([0.9]), 6.0,
-        (0.2, 3.0), steps=80,
+        (0.2, 3.0), steps=80, commands=("position",),
     )  # fmt: skip
 
 
 def linear_axis() -> Machine:
     """A carriage of 1.5 kg on a rail, with an impedance drive of 2000 N/m and 60 N·s/m."""
     body = tree.read(_urdf("linear_axis"), ["slide"])
-    drives = np.array([[slots.IMPEDANCE, 2000.0, 60.0, 0, 0, 0, 0, 0, 60.0, 0.0]])
+    drives = _impedance([2000.0], [60.0], 60.0)
     return Machine(
         "linear_axis", body, 250.0, drives, np.zeros((1, slots.SPRING)), np.zeros(1), np.zeros(1),
         (Sensor(1e-5, 5e-5),), np.zeros(1), np.array([0.15]), 1.0, (0.3, 5.0), steps=16,
@@ -152,9 +217,7 @@ def hyq_leg() -> Machine:
     """The left front leg of HyQ on a fixed trunk, with the gains of a swing leg."""
     names = ["lf_haa_joint", "lf_hfe_joint", "lf_kfe_joint"]
     start = np.array([-0.121072, 0.695151, -1.418375])
-    drives = np.zeros((3, slots.DRIVE))
-    drives[:, 0], drives[:, 8] = slots.IMPEDANCE, 150.0
-    drives[:, 1], drives[:, 2] = (150.0, 250.0, 250.0), (12.0, 8.0, 6.0)
+    drives = _impedance((150.0, 250.0, 250.0), (12.0, 8.0, 6.0), 150.0)
     return Machine(
         "hyq_leg", tree.read(_urdf("hyq"), names), 250.0, drives, np.zeros((3, slots.SPRING)),
         start, start, (Sensor(8e-5, 4e-5),) * 3, np.array([-0.2, 0.4, -1.4]),
@@ -206,7 +269,7 @@ def tigrillo() -> Machine:
         "tigrillo", body, 100.0, _servo(8, hips), springs, np.array([-0.5, 1.0] * 4),
         np.array([-0.5, slack] * 4), tuple(sensors), np.full(4, 0.3), np.full(4, 0.6), 9.0,
         (0.3, 3.0), overrides={"fixed_base": True, "height": 1.0}, known=measured,
-        steps=160, quick=40,
+        steps=160, quick=40, commands=("position",),
     )  # fmt: skip
 
 
@@ -215,9 +278,8 @@ def hyq_air() -> Machine:
     names = [f"{leg}_{joint}_joint" for leg in HALL for joint in ("haa", "hfe", "kfe")]
     start = np.tile([-0.121072, 0.695151, -1.418375], 4)
     start[6:] *= (1.0, -1.0, -1.0) * 2  # hind legs bend in the opposite direction
-    drives = np.zeros((12, slots.DRIVE))
-    drives[:, 0], drives[:, 8] = slots.IMPEDANCE, 150.0
-    drives[:, 1], drives[:, 2] = np.tile((150.0, 250.0, 150.0), 4), np.tile((10.0, 8.0, 6.0), 4)
+    gains = np.tile((150.0, 250.0, 150.0), 4), np.tile((10.0, 8.0, 6.0), 4)
+    drives = _impedance(*gains, 150.0)
     return Machine(
         "hyq_air", tree.read(_urdf("hyq"), names), 250.0, drives, np.zeros((12, slots.SPRING)),
         start, start, (Sensor(8e-5, 4e-5),) * 12, start, np.tile([0.15, 0.4, 0.5], 4), 6.0,
@@ -233,9 +295,7 @@ def _foreign(name: str, file: str, joints: list[str], gains: list, start: list) 
         raise MissingPackageError(f"the URDF of {name} comes with PyBullet, which is not installed")
     urdf = Path(data.submodule_search_locations[0]) / file
     body, n = tree.read(urdf, joints), len(joints)
-    drives, at = np.zeros((n, slots.DRIVE)), np.array(start)
-    drives[:, 0], drives[:, 8] = slots.IMPEDANCE, body.effort
-    drives[:, 1], drives[:, 2] = np.transpose(gains)
+    drives, at = _impedance(*np.transpose(gains), body.effort), np.array(start)
     return Machine(
         name, body, 250.0, drives, np.zeros((n, slots.SPRING)), at, at,
         (Sensor(5e-5, 2e-5),) * n, at, np.full(n, 0.4), 2.0, (0.2, 2.0), torque_noise=0.1,

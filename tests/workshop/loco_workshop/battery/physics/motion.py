@@ -38,14 +38,16 @@ from .slots import (
     SAG,
     SERIES,
     SERVO,
+    SPOT,
     STATES,
     STRIBECK,
     Q,
     V,
 )
 
-LAWS_OF = 4  # version of `laws` and `slots`, see above
+LAWS_OF = 5  # version of `laws` and `slots`, see above
 LINE = 4096  # longest torque delay [steps]
+EARLY = 1e-6  # tolerance of an instant of sampling against rounding, share of a period
 
 
 class Packed(NamedTuple):
@@ -63,7 +65,8 @@ class Memory(NamedTuple):
     state: np.ndarray  # (STATES, n)
     rate: np.ndarray  # time derivatives of the states over the last step, (STATES, n)
     target: np.ndarray  # position, velocity, feed-forward, (3, n)
-    held: np.ndarray  # torque of servos without back-EMF, or delayed torques now acting [N·m], (n,)
+    asked: np.ndarray  # torque by the law of a drive, of the last sample if it samples [N·m], (n,)
+    held: np.ndarray  # as `asked`, but late if torques are delayed [N·m], (n,)
     through: np.ndarray  # 1 if the motor touches a flank of its backlash, else 0, (n,)
     drive: np.ndarray  # torque of drives and springs on the joints [N·m], (n,)
     line: np.ndarray  # ring buffer of delayed torques [N·m], (LINE, n)
@@ -157,8 +160,8 @@ def _memory(n: int, start: np.ndarray) -> Memory:
     state = np.zeros((STATES, n))
     state[[Q, ROTOR, MOTOR, LOOSE]] = start
     return Memory(
-        state, np.zeros((STATES, n)), np.zeros((3, n)), np.zeros(n), np.ones(n), np.zeros(n),
-        np.zeros((LINE, n)), np.zeros((3, n)),
+        state, np.zeros((STATES, n)), np.zeros((3, n)), np.zeros(n), np.zeros(n), np.ones(n),
+        np.zeros(n), np.zeros((LINE, n)), np.zeros((3, n)),
     )  # fmt: skip
 
 
@@ -219,26 +222,23 @@ def torques(packed, hidden, memory, port, command, step, dt):
         for k in range(3):
             target[k, j] = command[k, j]
         target[0, j] += hidden[OFFSET, j, 0]
-        soft = hidden[SERIES, j, 0] > 0.0
-        position = state[MOTOR, j] if soft else state[Q, j]
-        if drives[j, 0] == SERVO:
-            error = _rounded(target[0, j], drives[j, 4]) - _rounded(position, drives[j, 4])
-            memory.held[j] = drives[j, 1] * laws.within(drives[j, 3] * error, 1.0)
-    _hold_late(state, target, packed, hidden, memory.held, memory.line, step, dt)
+        if drives[j, 0] != FREE:
+            _ask(memory, drives[j], j, hidden[SERIES, j, 0] > 0.0, port.a[j], step, dt)
+    _hold_late(packed, hidden, memory, step, dt)
     for j in range(n):
         memory.through[j] = 1.0
         if hidden[BACKLASH, j, 0] > 0.0 and drives[j, 0] != SERVO and drives[j, 0] != FREE:
-            want = _asked(state, j, target, packed, hidden, memory.held, 0.0, t)
+            want = _asked(state, j, packed, hidden, memory.held, 0.0, t)
             memory.through[j] = _in_play(memory.gap, j, want, state[V, j], hidden[BACKLASH, j], dt)
-    load = _load(state, target, packed, hidden, memory.held, t)
+    load = _load(state, packed, hidden, memory.held, t)
     for j in range(n):
         before = rate[ROTOR_V, j], rate[MOTOR_V, j]
-        tau = _drive(j, packed, hidden, memory, load, t, dt)
-        tau += laws.elastic(state, j, packed.springs[j], packed.rest[j], hidden)
+        driving = _drive(j, packed, hidden, memory, load, t, dt)
+        tau = driving + laws.elastic(state, j, packed.springs[j], packed.rest[j], hidden)
         memory.drive[j] = tau
-        tau += laws.strange(state, j, hidden) - packed.damping[j] * state[V, j]
+        tau += laws.strange(state, j, hidden, t) - packed.damping[j] * state[V, j]
         port.tau[j] = tau
-        port.friction[j] = _budget(state[V, j], memory.drive[j], hidden, j, t)
+        port.friction[j] = _budget(state[Q, j], state[V, j], driving, hidden, j, t)
         state[ROTOR_V, j] += dt * (rate[ROTOR_V, j] - 0.5 * before[0])  # half a step later
         state[MOTOR_V, j] += dt * (rate[MOTOR_V, j] - 0.5 * before[1])
         state[ROTOR, j] += dt * state[ROTOR_V, j]
@@ -264,13 +264,16 @@ def _remember(state, rate, port, hidden, j, dt):
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)
-def _budget(v, drive, hidden, j, t):
+def _budget(q, v, drive, hidden, j, t):
     """Dry friction of a joint [N·m]."""
     budget = hidden[COULOMB, j, 0] + hidden[LOAD, j, 0] * abs(drive)
     if hidden[STRIBECK, j, 0] > 0.0:
         budget += hidden[STRIBECK, j, 0] * np.exp(-((v / hidden[STRIBECK, j, 1]) ** 2))
     if hidden[DRIFT, j, 0] > 0.0:
         budget += hidden[DRIFT, j, 0] * np.exp(-max(0.0, t) / hidden[DRIFT, j, 1])
+    if hidden[SPOT, j, 0] > 0.0:
+        away = (q - hidden[SPOT, j, 1]) / hidden[SPOT, j, 2]
+        budget += hidden[SPOT, j, 0] * np.exp(-away * away)
     return budget
 
 
@@ -280,21 +283,39 @@ def _rounded(x, step):
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)
-def _hold_late(state, target, machine, hidden, held, line, step, dt):
+def _ask(memory, row, j, soft, acceleration, step, dt):
+    """Torque that a drive asks for; a sampled drive computes it once per period, at whole steps."""
+    state, target = memory.state, memory.target
+    position = state[MOTOR, j] if soft else state[Q, j]
+    speed = state[MOTOR_V, j] if soft else state[V, j]
+    duration = dt
+    if row[9] > 0.0:
+        if np.floor(step * dt / row[9] + EARLY) <= np.floor((step - 1) * dt / row[9] + EARLY):
+            return
+        duration = row[9]
+        position -= 0.5 * dt * speed
+        speed -= 0.5 * dt * (memory.rate[MOTOR_V, j] if soft else acceleration)
+    if row[0] == SERVO:
+        error = _rounded(target[0, j], row[4]) - _rounded(position, row[4])
+        memory.asked[j] = row[1] * laws.within(row[3] * error, 1.0)
+    else:
+        memory.asked[j] = laws.wanted(row, target[:, j], position, speed, state, j, duration)
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
+def _hold_late(packed, hidden, memory, step, dt):
     """Delayed torques: append the current one to the buffer, read the one that acts now."""
-    drives = machine.drives
-    for j in range(state.shape[1]):
+    drives, line = packed.drives, memory.line
+    for j in range(len(drives)):
+        memory.held[j] = memory.asked[j]
         delay = hidden[ACTUATION_DELAY, j, 0]
         if delay <= 0.0 or drives[j, 0] == SERVO or drives[j, 0] == FREE:
             continue
-        soft = hidden[SERIES, j, 0] > 0.0
-        position = state[MOTOR, j] if soft else state[Q, j]
-        speed = state[MOTOR_V, j] if soft else state[V, j]
-        line[step % LINE, j] = laws.wanted(drives[j], target[:, j], position, speed)
+        line[step % LINE, j] = memory.asked[j]
         delay_steps = int(delay / dt)
         part = delay / dt - delay_steps
         due, before = line[(step - delay_steps) % LINE, j], line[(step - delay_steps - 1) % LINE, j]
-        held[j] = (1.0 - part) * due + part * before
+        memory.held[j] = (1.0 - part) * due + part * before
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)
@@ -317,21 +338,18 @@ def _in_play(gap, j, want, v, row, dt):
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)
-def _asked(state, j, target, machine, hidden, held, load, t):
-    """Torque of a drive other than a servo [N·m]."""
-    drives = machine.drives
-    soft = hidden[SERIES, j, 0] > 0.0
-    position = state[MOTOR, j] if soft else state[Q, j]
-    speed = state[MOTOR_V, j] if soft else state[V, j]
-    if hidden[ACTUATION_DELAY, j, 0] > 0.0:
-        tau = held[j]
-    else:
-        tau = laws.wanted(drives[j], target[:, j], position, speed)
-    return laws.weakened(tau, speed, drives[j], hidden, j, load, t)
+def _asked(state, j, machine, hidden, held, load, t):
+    """Torque of a drive other than a servo with a rotor [N·m]."""
+    row = machine.drives[j]
+    speed = state[MOTOR_V, j] if hidden[SERIES, j, 0] > 0.0 else state[V, j]
+    tau = held[j]
+    if row[0] == SERVO:
+        tau = laws.within(tau - row[2] * speed, row[8])
+    return laws.weakened(tau, speed, row, hidden, j, load, t)
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)
-def _load(state, target, machine, hidden, held, t):
+def _load(state, machine, hidden, held, t):
     """Lost share of the supply voltage due to the load of all drives."""
     sag = hidden[SAG, 0, 0]
     if sag == 0.0:
@@ -340,10 +358,10 @@ def _load(state, target, machine, hidden, held, t):
     for j in range(state.shape[1]):
         if drives[j, 0] == FREE:
             continue
-        if drives[j, 0] == SERVO:
+        if drives[j, 0] == SERVO and drives[j, 5] > 0.0:
             tau = laws.within(held[j] - drives[j, 2] * state[ROTOR_V, j], drives[j, 8])
         else:
-            tau = _asked(state, j, target, machine, hidden, held, 0.0, t)
+            tau = _asked(state, j, machine, hidden, held, 0.0, t)
         total += abs(tau) / drives[j, 8]
         count += 1
     return sag * total / max(1, count)
@@ -352,21 +370,21 @@ def _load(state, target, machine, hidden, held, t):
 @njit(cache=True, error_model="numpy", forceinline=True)
 def _drive(j, machine, hidden, memory, load, t, dt):
     """Torque of a drive on its joint [N·m]; also computes the rates of rotor, motor and lag."""
-    row, target, held = machine.drives[j], memory.target, memory.held
+    row, held = machine.drives[j], memory.held
     state, rate = memory.state, memory.rate
     if row[0] == FREE:
         return 0.0
     soft = hidden[SERIES, j, 0] > 0.0
     position = state[MOTOR, j] if soft else state[Q, j]
     speed = state[MOTOR_V, j] if soft else state[V, j]
-    if row[0] == SERVO:
+    if row[0] == SERVO and row[5] > 0.0:
         motor = laws.within(held[j] - row[2] * state[ROTOR_V, j], row[8])
         motor = laws.weakened(motor, state[ROTOR_V, j], row, hidden, j, load, t)
         play = laws.play_of(hidden, j, row[0])
         tau = laws.gear(row, state[ROTOR, j] - position, state[ROTOR_V, j] - speed, play)
         rate[ROTOR, j], rate[ROTOR_V, j] = state[ROTOR_V, j], (motor - tau) / row[5]
     else:
-        tau = _asked(state, j, target, machine, hidden, held, load, t)
+        tau = _asked(state, j, machine, hidden, held, load, t)
         if hidden[LAG, j, 0] > 0.0:
             share = 0.5 * dt / hidden[LAG, j, 0]  # trapezoidal; `rate` is the previous torque
             both = share * (tau + rate[LAGGED, j]) + (1.0 - share) * state[LAGGED, j]

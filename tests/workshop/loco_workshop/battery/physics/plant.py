@@ -7,17 +7,17 @@ import copy
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from fnmatch import fnmatchcase
-from functools import lru_cache
 from zlib import crc32
 
 import numpy as np
 
-from . import hidden, machines, motion, readings, slots
+from . import hidden, motion, readings, slots
 from .engine import Engine
 from .hidden import Hidden
 from .machines import GRAVITY, Machine
 
 SETTLE = 1.5  # time for which the first command is held before a record begins [s]
+QUANTITIES = ("position", "velocity", "effort")  # of a command, in the order of its parts
 FINE = 1000.0  # smallest sampling rate of the signals that sensors read [Hz]
 
 
@@ -33,6 +33,8 @@ class Reading:
         tau: Torque sensor readings [N·m], (S, n), or None.
         driven: Names of the driven joints.
         joints: Names of all joints.
+        effort: Commanded efforts of the driven joints, (T, m), or None.
+        dq: Velocity sensor readings [rad/s], (S, n), or None.
     """
 
     t: np.ndarray
@@ -43,24 +45,29 @@ class Reading:
     tau: np.ndarray | None
     driven: tuple[str, ...]
     joints: tuple[str, ...]
+    effort: np.ndarray | None = None
+    dq: np.ndarray | None = None
 
 
 def truth(
-    machine: Machine, effects: Sequence[Hidden], command: tuple[np.ndarray, np.ndarray]
+    machine: Machine, effects: Sequence[Hidden], command: tuple[np.ndarray, ...]
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Fine time grid [s], encoder positions and velocities on it, mean torque at each tick.
 
     Args:
         machine: Machine without hidden effects.
         effects: Hidden effects.
-        command: Positions and velocities of the driven joints at each tick, (T, m) each.
+        command: Positions, velocities and efforts (0 if left out) of the driven joints at each
+            tick, (T, m) each.
     """
     body = copy.deepcopy(machine.body)
     for effect in effects:
         _change(body, effect)
     n, ticks = len(machine.joints), len(command[0])
     full = np.zeros((ticks, 3, n))
-    full[:, 0, machine.driven], full[:, 1, machine.driven] = command
+    for kind, values in zip(QUANTITIES, command, strict=False):
+        if kind in machine.commands:
+            full[:, QUANTITIES.index(kind), machine.driven] = values
     dt = 1.0 / (machine.rate * machine.steps)
     every = max(1, int(machine.steps * machine.rate / FINE))
     while machine.steps % every:
@@ -68,7 +75,7 @@ def truth(
     readings, speed, tau = motion.simulate(
         Engine(body, dt, GRAVITY), packed(machine, body), full,
         _constants(machine, effects), _outside(machine, effects), machine.start,
-        (round(SETTLE * machine.rate), machine.steps, dt, every),
+        (round(max(SETTLE, machine.settle) * machine.rate), machine.steps, dt, every),
     )  # fmt: skip
     return np.arange(len(readings)) * dt * every, readings, speed, tau
 
@@ -76,7 +83,7 @@ def truth(
 def record(
     machine: Machine,
     effects: Sequence[Hidden],
-    command: tuple[np.ndarray, np.ndarray],
+    command: tuple[np.ndarray, ...],
     seed: int,
     name: str = "",
 ) -> Reading:
@@ -84,10 +91,19 @@ def record(
     t, encoders, speed, tau = truth(machine, effects, command)
     rng = np.random.default_rng([seed, crc32(name.encode())])
     ticks = np.arange(len(command[0])) / machine.rate
-    q = readings.joints(machine, effects, t, encoders, speed, ticks, rng)
+    when = ticks
+    if machine.readings:
+        when = np.arange(int(len(ticks) * machine.readings / machine.rate)) / machine.readings
+    if machine.jitter:
+        when = np.sort(np.clip(when + machine.jitter * rng.standard_normal(len(when)), 0.0, t[-1]))
+    q = readings.joints(machine, effects, t, encoders, speed, when, rng)
+    dq = readings.speeds(machine, effects, t, encoders, speed, when, rng)
     torque = readings.torques(machine, effects, tau, rng) if machine.torque_noise else None
     driven = tuple(machine.joints[j] for j in machine.driven)
-    return Reading(ticks, ticks, q, command[0], command[1], torque, driven, machine.joints)
+    effort = command[2] if "effort" in machine.commands else None
+    return Reading(
+        ticks, when, q, command[0], command[1], torque, driven, machine.joints, effort, dq
+    )
 
 
 def _constants(machine: Machine, effects: Sequence[Hidden]) -> np.ndarray:
@@ -115,12 +131,13 @@ def _outside(machine: Machine, effects: Sequence[Hidden]) -> np.ndarray:
     row = np.full(10, -1.0)
     for effect in effects:
         p = effect.params
-        if effect.effect not in ("push", "cable_force"):
+        if effect.effect not in ("push", "cable_force", "constant_force"):
             continue
         row[0] = machine.body.links.index(p["link"])
         row[2:5] = p["point"]
-        if effect.effect == "push":
-            row[1], row[5:8], row[8:] = 0.0, p["force"], (p["start"], p["stop"])
+        if effect.effect != "cable_force":
+            during = p.get("start", -np.inf), p.get("stop", np.inf)
+            row[1], row[5:8], row[8:] = 0.0, p["force"], during
         else:
             row[1], row[5:8], row[8:] = 1.0, p["anchor"], (p["stiffness"], p["length"])
     return row
@@ -133,17 +150,6 @@ def packed(machine: Machine, body) -> motion.Packed:
 
 def joint_inertia(machine: Machine) -> np.ndarray:
     """Inertia of all bodies moved by each joint, in the standing pose [kg·m²], (n,)."""
-    if machines.MACHINES.get(machine.name):
-        return _inertia(machine.name)
-    return _diagonal(machine)
-
-
-@lru_cache
-def _inertia(name: str) -> np.ndarray:
-    return _diagonal(machines.get(name))
-
-
-def _diagonal(machine: Machine) -> np.ndarray:
     return np.diag(Engine(machine.body, 1e-3, GRAVITY).mass(machine.start)).copy()
 
 

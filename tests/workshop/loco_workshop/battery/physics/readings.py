@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from fnmatch import fnmatchcase
 
 import numpy as np
@@ -11,6 +12,8 @@ from scipy.interpolate import CubicHermiteSpline, PchipInterpolator
 
 from .hidden import Hidden
 from .machines import Machine, Sensor
+
+SLOPE = 1e-4  # half of the time over which a velocity sensor averages [s]
 
 
 def joints(
@@ -48,6 +51,27 @@ def joints(
             if e.effect == "quantisation":
                 out[:, j] = e.params["step"] * np.round(out[:, j] / e.params["step"])
     return out
+
+
+def speeds(
+    machine: Machine,
+    effects: Sequence[Hidden],
+    t: np.ndarray,
+    seen: np.ndarray,
+    speed: np.ndarray,
+    ticks: np.ndarray,
+    rng: np.random.Generator,
+) -> np.ndarray | None:
+    """Readings of the velocity sensors [rad/s], (T, n): slopes of the positions that sensors see.
+
+    Arguments as for `joints`; None without such sensors.
+    """
+    if machine.speed_noise is None:
+        return None
+    exact = replace(machine, sensors=(Sensor(),) * len(machine.joints))
+    ends = [joints(exact, effects, t, seen, speed, ticks + by, rng) for by in (-SLOPE, SLOPE)]
+    slopes = (ends[1] - ends[0]) / (2.0 * SLOPE)
+    return slopes + machine.speed_noise * rng.standard_normal(slopes.shape)
 
 
 def torques(

@@ -7,7 +7,11 @@ A hidden law has a row of four constants per joint; all zeros means that it is a
 from __future__ import annotations
 
 FREE, TORQUE, IMPEDANCE, SERVO = 0.0, 1.0, 2.0, 3.0  # kinds of drive
-DRIVE = 10  # kind, stall or kp, slope or kd, kp, resolution, rotor, gear k, gear d, effort, -
+# Columns of a drive: kind, seven constants, effort limit, period of its samples (0: none).
+# SERVO: stall torque, slope, kp, resolution, rotor, stiffness and damping of the gear
+# IMPEDANCE: kp, kd, ki, speed_ki, position_gain, speed_feed, integral_limit
+# TORQUE: gain, bias, slope
+DRIVE = 10
 SPRING = 6  # kind (1 linear, 2 knee), stiffness, damping, rest or free length, femur, tibia
 
 (
@@ -39,11 +43,14 @@ SPRING = 6  # kind (1 linear, 2 knee), stiffness, damping, rest or free length, 
     ONE_WAY,  # viscous friction of motions to the positive side
     JUMP,  # torque error before and after `time`
     DEADBAND,  # torque below which a drive gives none
+    SPOT,  # dry friction, centre and width of the worn part
+    HUM,  # torque, angular frequency, phase
+    BIAS,  # torque
     LAWS,
-) = range(29)
+) = range(32)
 
-# State variables, one row each; columns are joints.
+# State variables, one row each; columns are joints. WOUND is the torque of an integrator.
 (
     Q, V, ROTOR, ROTOR_V, LAGGED, BENT, FADING, MOTOR, MOTOR_V, LOOSE, LOOSE_V,
-    RUBBER_A, RUBBER_B, RUBBER_C, STATES,
-) = range(15)  # fmt: skip
+    RUBBER_A, RUBBER_B, RUBBER_C, WOUND, STATES,
+) = range(16)  # fmt: skip

@@ -70,11 +70,11 @@ def read(path: str | Path, joints: Sequence[str]) -> Tree:
     """Moving part of a URDF.
 
     Args:
-        path: URDF file.
+        path: URDF file, or the text of one.
         joints: Movable joints in the order of the result. All others are fixed at 0 or, if they
             carry no movable joint, left out with all their links.
     """
-    root = ET.parse(path).getroot()
+    root = ET.fromstring(path) if str(path).startswith("<") else ET.parse(path).getroot()
     links = {link.get("name"): link for link in root.findall("link")}
     up = {j.find("child").get("link"): j for j in root.findall("joint")}
     order = _sorted(list(joints), up)
