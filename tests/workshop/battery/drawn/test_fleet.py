@@ -38,7 +38,7 @@ def silent(machine):
 @pytest.mark.parametrize("number", list(SHOWN))
 def test_nothing_hidden_is_nothing_to_the_search_as_its_step_shrinks(number, tmp_path):
     """Body, drive, springs, sampling and commands of the generator are those of robot.yaml."""
-    name = fleet.name_of(number)
+    name = f"drawn_{number}"
     machine = fleet.get(name)
     record = min(machine.records, key=lambda r: r.seconds)
     moved = excitation.command(machine, record.name, 1)
@@ -55,7 +55,7 @@ def test_nothing_hidden_is_nothing_to_the_search_as_its_step_shrinks(number, tmp
 
 
 def test_all_kinds_of_drive_are_drawn():
-    assert {number: fleet.get(fleet.name_of(number)).drive for number in SHOWN} == SHOWN
+    assert {number: fleet.get(f"drawn_{number}").drive for number in SHOWN} == SHOWN
     assert {kind.removesuffix(" held") for kind in SHOWN.values()} == set(drives.KINDS)
 
 
@@ -65,6 +65,13 @@ def test_a_number_is_one_robot():
     again = fleet.get("drawn_5")
     assert one is not again and one.urdf == again.urdf and one.about == again.about
     assert fleet.get("drawn_6").urdf != one.urdf
+
+
+def test_the_number_of_joints_can_be_limited():
+    assert [len(fleet.get(f"drawn2_{number}").joints) for number in range(1, 9)].count(2) > 1
+    assert all(len(fleet.get(f"drawn2_{number}").joints) <= 2 for number in range(1, 9))
+    assert fleet.is_family("drawn12") and not fleet.is_family("drawn0")
+    assert not fleet.is_drawn("drawn13_1")
 
 
 @pytest.mark.parametrize("seed", range(40))

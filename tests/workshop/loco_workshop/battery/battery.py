@@ -43,7 +43,7 @@ def check(a: argparse.Namespace) -> None:
             raise ParameterError(f"--{what} must be above 0, got {getattr(a, what):g}")
     if not 0 <= a.settings <= len(OTHERS):
         raise ParameterError(f"--settings must be 0 to {len(OTHERS)}, got {a.settings}")
-    other = [robot for robot in a.robots if robot in WALKERS or robot == fleet.DRAWN]
+    other = [robot for robot in a.robots if robot in WALKERS or fleet.is_family(robot)]
     if other and (requested := [n for n in ("baselines", "follow", "settings") if getattr(a, n)]):
         what = f"--{requested[0]}"
         raise ParameterError(

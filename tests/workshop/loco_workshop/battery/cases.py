@@ -79,7 +79,7 @@ def plan(
     robots = list(robots) or list(machines.MACHINES)
     available = (*machines.MACHINES, fleet.DRAWN, *walkers.WALKERS)
     for robot in robots:
-        if robot not in available:
+        if robot not in available and not fleet.is_family(robot):
             raise NameUnknownError("robot of the battery", robot, available)
         if not _pool(robot, "single", effects):
             raise NameUnknownError("effect of the battery", ", ".join(effects), _pool(robot, ""))
@@ -101,8 +101,8 @@ def plan(
             deck.append(decks[key].pop())
         seed_i = seed * 10_000 + i
         how = conditions.draw(seed_i)
-        if robot == fleet.DRAWN:  # an integrator must be at rest when a record begins
-            robot = fleet.name_of(seed_i)
+        if fleet.is_family(robot):  # an integrator must be at rest when a record begins
+            robot = f"{robot}_{seed_i}"
             cut = how.way == "cut" and fleet.get(robot).integrates
             how = replace(how, noise=1.0, way="" if cut else how.way)
         if robot in walkers.WALKERS:  # its bags are those of `loco run`

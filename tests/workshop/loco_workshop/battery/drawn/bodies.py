@@ -40,9 +40,9 @@ class Body:
     lengths: np.ndarray
 
 
-def draw(rng: np.random.Generator) -> tuple[Body, ET.Element]:
-    """A tree and its URDF, without efforts and damping: see `finished`."""
-    n = min(MOST, int(np.exp(rng.uniform(0.0, np.log(MOST + 1)))))
+def draw(rng: np.random.Generator, joints: int = MOST) -> tuple[Body, ET.Element]:
+    """A tree of at most `joints` joints, and its URDF without efforts: see `finished`."""
+    n = min(joints, int(np.exp(rng.uniform(0.0, np.log(joints + 1)))))
     branches = n > 2 and rng.random() < BRANCHES
     parent = np.arange(n) - 1
     for i in range(2, n) if branches else ():

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 from functools import cache
 
@@ -15,7 +16,8 @@ from ..physics.engine import Engine
 from ..physics.machines import GRAVITY, Machine, Record, Sensor
 from . import bodies, drives
 
-DRAWN = "drawn"  # in place of a robot: each case draws its own
+DRAWN = "drawn"  # in place of a robot: each case draws its own; drawn3: of at most 3 joints
+_FAMILY = f"{DRAWN}([1-9]|1[0-2])?"
 RATES = (50.0, 2000.0)  # of commands and readings [Hz]
 SECONDS, LEAST, LONGEST = (6.0, 40.0), 2.0, 40.0  # of all records, of the shortest, longest [s]
 RECORDS = 8  # largest number of records
@@ -32,9 +34,9 @@ TRIES = 200
 KINDS = ("chirp", "steps", "ramp", "mix", "multisine", "walk")
 
 
-def name_of(number: int) -> str:
-    """Name of the drawn robot of a number."""
-    return f"{DRAWN}_{number}"
+def is_family(name: str) -> bool:
+    """Whether a name stands for drawn robots, ``drawn`` or ``drawn3`` (of at most 3 joints)."""
+    return re.fullmatch(_FAMILY, name) is not None
 
 
 def get(name: str) -> Machine:
@@ -47,9 +49,8 @@ def get(name: str) -> Machine:
 
 
 def is_drawn(name: str) -> bool:
-    """Whether a name is that of a drawn robot, such as ``drawn_17``."""
-    family, _, number = name.partition("_")
-    return family == DRAWN and number.isdigit()
+    """Whether a name is that of a drawn robot, such as ``drawn_17`` or ``drawn3_17``."""
+    return re.fullmatch(rf"{_FAMILY}_\d+", name) is not None
 
 
 def groups(machine: Machine) -> tuple[str, ...]:
@@ -64,9 +65,11 @@ def groups(machine: Machine) -> tuple[str, ...]:
 @cache
 def _draw(name: str) -> Machine:
     """The first robot of a number that stands still and moves within its limits."""
+    family, _, number = name.partition("_")
+    most = int(family.removeprefix(DRAWN) or bodies.MOST)
     for attempt in range(TRIES):
-        rng = np.random.default_rng([int(name.partition("_")[2]), 12, attempt])
-        machine = _tried(name, rng)
+        rng = np.random.default_rng([int(number), 12, attempt])
+        machine = _tried(name, most, rng)
         if machine is not None and _moves(machine):
             return machine
     raise ParameterError(f"no robot was found for {name!r} in {TRIES} draws; name another seed")
@@ -94,9 +97,9 @@ def _moves(machine: Machine) -> bool:
     return True
 
 
-def _tried(name: str, rng: np.random.Generator) -> Machine | None:
+def _tried(name: str, most: int, rng: np.random.Generator) -> Machine | None:
     """A robot; None if it does not find its rest soon enough."""
-    body, root = bodies.draw(rng)
+    body, root = bodies.draw(rng, most)
     n = len(body.joints)
     some = np.ones(n)
     # Weights and inertias do not depend on efforts and damping, which follow from them.

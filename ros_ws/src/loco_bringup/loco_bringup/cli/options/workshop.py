@@ -59,8 +59,8 @@ def battery(p: ArgumentParser) -> None:
     option(p, "--cases", 20, "number of cases (default 20)")
     option(p, "--seed", 1, "seed of everything drawn (default 1); below 1000 for development")
     p.add_argument("--robots", nargs="+", default=[], metavar="NAME", help="default: all listed "
-                   "that are held; drawn: another random robot in each case; hyq_trot and a1_trot "
-                   "walk, and take minutes a case")  # fmt: skip
+                   "that are held; drawn: another random robot in each case (drawn3: of at most "
+                   "3 joints); hyq_trot and a1_trot walk, and take minutes a case")  # fmt: skip
     p.add_argument("--effects", nargs="+", default=[], metavar="NAME",
                    help="only single effects, of these names or patterns")  # fmt: skip
     option(p, "--workers", 2, "processes (default 2)")
