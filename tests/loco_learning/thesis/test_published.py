@@ -49,3 +49,12 @@ def test_the_page_counts_the_published_verdicts():
         counts = Counter(row["verdict"] for row in rows(folder) if not row["change"])
         numbers = [int(cell) for cell in cells.split("|")[-6:-1]]
         assert numbers == [counts[verdict] for verdict in registry.VERDICTS], folder
+
+
+def test_each_disagreement_is_on_the_page_of_ablations():
+    """Its row says what was changed one at a time, or that nothing was."""
+    page = (DOCS / "thesis_ablations.md").read_text().partition("## Claims by their causes")[2]
+    listed = re.findall(r"\b[5-9]\.\d+\b", " ".join(re.findall(r"^\| ([^|]*)\|", page, re.M)))
+    disagree = {row["claim"] for folder in FOLDERS for row in rows(folder)
+                if row["verdict"] == registry.DISAGREES and not row["change"]}  # fmt: skip
+    assert disagree <= set(listed) and len(disagree) > 5
