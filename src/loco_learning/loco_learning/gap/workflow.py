@@ -32,7 +32,7 @@ from .params import GapParams
 from .prediction import case as cases
 from .prediction import horizon, led
 from .prediction import nominal as nominals
-from .prediction.forward import ForwardParams
+from .prediction.forward import Forward, ForwardParams
 from .recordings.record import Record
 from .setup import contents as setup_contents
 from .setup import family as setups
@@ -123,10 +123,7 @@ def search(
 ) -> dict[str, Any]:
     """Do what `find` does for records that are all in the air or all on the ground."""
     report(0.0, "reading the model", "")
-    length = on_ground(model, [*records, *held_out], params)
-    settings = ForwardParams(window=params.window, ground=length)
-    run = horizon.quickest(model) if length else model
-    forward = led.forward(run, [*records, *held_out], settings)
+    forward = forward_of(model, [*records, *held_out], params)
     params = params.replace(window=forward.params.window)
     count = len(records)
     records, held_out = forward.records[:count], forward.records[count:]
@@ -214,6 +211,13 @@ def memory_of(
     robot = model.make_robot()
     inputs = (model, robot, tuple(records), tuple(held_out), params)
     return Memory(path, inputs, (Fitted, Hypothesis, Coordinate, Screened, Score))
+
+
+def forward_of(model: Model, records: Sequence[Record], params: GapParams) -> Forward:
+    """Forward model of records that are all in the air or all on the ground."""
+    length = on_ground(model, records, params)
+    settings = ForwardParams(window=params.window, ground=length)
+    return led.forward(horizon.quickest(model) if length else model, records, settings)
 
 
 def same(parts: Parts, others: Parts) -> bool:

@@ -90,17 +90,20 @@ def _feed(whole: Any, value: Any) -> None:
 class Memory:
     """Results of a search's jobs, in a journal that is deleted when the search is complete.
 
-    A context manager: the journal is deleted on success and on invalid input (`LocoError`). After
-    any other exception it remains, for a restarted search.
+    A context manager: the journal is deleted on success and on invalid input (`LocoError`), unless
+    it stays. After any other exception it remains, for a restarted search.
 
     Args:
         path: The file; a broken one, or one of another search, is overwritten with a warning.
         inputs: All values that determine the results, for `digest`, besides package versions.
         kinds: Dataclasses in the results, besides arrays and plain values.
+        stays: Whether the journal stays, for a later search with more jobs.
     """
 
-    def __init__(self, path: Path, inputs: Sequence[Any], kinds: Sequence[type]):
-        self._path = path
+    def __init__(
+        self, path: Path, inputs: Sequence[Any], kinds: Sequence[type], stays: bool = False
+    ):
+        self._path, self._stays = path, stays
         self._header = {"kind": "search", "format": 3, "inputs": digest(*inputs)}
         self._header["versions"] = versions()
         self._journal: Journal | None = None
@@ -148,7 +151,8 @@ class Memory:
         return self
 
     def __exit__(self, kind: type | None, *error: object) -> None:
-        if self._journal and (kind is None or issubclass(kind, LocoError)):
+        done = kind is None or issubclass(kind, LocoError)
+        if self._journal and done and not self._stays:
             self._journal.remove()
         elif self._journal:
             self._journal.close()

@@ -543,3 +543,9 @@ def prepare(
     before = case.vector([])
     case.cap = CAP * max(float(np.max(np.abs(before), initial=0.0)), 10.0)
     return case
+
+
+def whole(forward: Any, records: Sequence[Record]) -> Case:
+    """A case in which all rows count as fitted and no value of the robot is refitted."""
+    case = prepare(forward, records, (), refitted=False)
+    return replace(case, fit_rows=[np.ones(len(r.t), dtype=bool) for r in records])

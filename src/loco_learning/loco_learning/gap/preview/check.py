@@ -30,7 +30,6 @@ from ..hypotheses.hypotheses import offer, separable, untried
 from ..params import GapParams
 from ..prediction import case as cases
 from ..prediction import floors, running
-from ..prediction.case import Case
 from ..prediction.channels import ON_SLIDES
 from ..prediction.forward import Forward, ForwardParams
 from ..recordings import lags
@@ -129,7 +128,7 @@ def look(
     limit = {"sim.damping_limit": max(LIMBER, robots[0].sim.damping_limit)}
     quick = replace(model, overrides={**model.overrides, **limit})
     parts = excerpts(records, _seconds(Forward(quick, records[:1], how)))
-    case = _case(Forward(quick, parts, how), parts)
+    case = cases.whole(Forward(quick, parts, how), parts)
     robot = case.forward.robot()
     offers = hints.sized(offer(robot, case.signals, hints.find(case, robot)), case.forward)
     single = [h for h in offers if "*" not in h.place]  # effects on groups show in their joints
@@ -247,12 +246,6 @@ def missing(records: Sequence[Record], robots: Sequence[Robot]) -> list[str]:
         notes.append("one recording: its last third is held out; a second recording of another "
                      "motion is a better test")  # fmt: skip
     return notes
-
-
-def _case(forward: Forward, records: list[Record]) -> Case:
-    """A case in which all rows count as fitted."""
-    case = cases.prepare(forward, records, (), refitted=False)
-    return replace(case, fit_rows=[np.ones(len(r.t), dtype=bool) for r in records])
 
 
 def _seconds(forward: Forward) -> float:

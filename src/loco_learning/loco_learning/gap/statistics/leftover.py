@@ -55,8 +55,13 @@ def explained(residuals: Sequence[np.ndarray], limits: Limits = LIMITS) -> np.nd
         limits: Conditions.
     """
     power = np.sum([np.nansum(np.square(r), axis=0) for r in residuals], axis=0)
-    count = np.maximum(np.sum([np.isfinite(r).sum(0) for r in residuals], axis=0), 1)
-    z = ndtri(1.0 - limits.rare / residuals[0].shape[1])
+    count = np.sum([np.isfinite(r).sum(0) for r in residuals], axis=0)
+    return is_noise(power, count, limits)
+
+
+def is_noise(power: np.ndarray, count: np.ndarray, limits: Limits = LIMITS) -> np.ndarray:
+    """As `explained`, from the sum of squares [floors²] and number of values of channels, (C,)."""
+    count, z = np.maximum(count, 1), ndtri(1.0 - limits.rare / len(power))
     return power / count <= limits.explained**2 * (1.0 + z * np.sqrt(KURTOSIS / count))
 
 

@@ -27,6 +27,7 @@ def search(p: ArgumentParser) -> None:
       loco gap mapping FILE         draft the mapping of a table or bag, with reasons
       loco gap next DIR             write the most informative next experiment to a file
       loco gap experiments ROBOT    write experiments that excite a robot to files
+      loco gap fleet FOLDER --robot R   thousands of recordings: which robots have what, since when
       loco gap battery              many hidden effects: how often the name is right
 
     Verdicts: named, ambiguous, unknown, no gap, or set-up: units, signs or names must be corrected
@@ -73,6 +74,30 @@ def check(p: ArgumentParser) -> None:
     option(p, "--fix", False, "write the lines that mend the set-up: a mapping.yaml, and a "
            "model.yaml, beside the page; nothing else changes")  # fmt: skip
     add_out(p, "folder of the page (default results/check_BAG)")
+
+
+@command("gap fleet", "gap.fleet.terminal:show_fleet",
+         "thousands of recordings: which robots have which effect, since which day")  # fmt: skip
+def fleet(p: ArgumentParser) -> None:
+    """Options of `loco gap fleet`.
+
+    FOLDER holds recordings as ROBOT/DAY/FILE, or a recordings.csv with the columns file, robot and
+    day. Writes fleet.html, fleet.json and a row for each recording (fleet.parquet, or fleet.csv
+    without pyarrow). Stopped, it goes on when the same command is typed again; with more
+    recordings, only what is new is computed.
+    """
+    engine(p)
+    p.add_argument("folder", type=Path, metavar="FOLDER", help="folder of the recordings, or a "
+                   "table of them")  # fmt: skip
+    option(p, "--robot", str, "robot, robot.yaml, model.yaml or URDF of all robots")
+    option(p, "--mapping", Path, "role and unit of each column, for files that are no bags", "YAML")
+    add_out(p, "folder of the results (default results/fleet_FOLDER)")
+    option(p, "--effects", tuple, "only these effects are offered as causes (default: all)", "NAME")
+    option(p, "--set", list, "a setting of the fleet or of its searches (repeatable), e.g. "
+           "seconds=20", "KEY=VALUE")  # fmt: skip
+    option(p, "--seed", 0, "seed of everything drawn (default 0)")
+    option(p, "--workers", 2, "processes (default 2)")
+    option(p, "--scheduler", "", SCHEDULER)
 
 
 @command("gap mapping", "gap.drafts.terminal:show_draft", "draft a mapping: what the columns or "
