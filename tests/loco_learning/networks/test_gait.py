@@ -112,14 +112,12 @@ def test_noise_changes_scores_and_none_does_not(found):
     assert clean[0] == found.clean
 
 
-def test_noise_and_damping_are_those_of_the_preset_unless_changed():
+def test_the_noise_is_that_of_the_preset_unless_changed():
     """One cause at a time: the noise of the author's code on the network of the text."""
     text, code = PRESETS["thesis"], PRESETS["author_code"]
     mixed = task("thesis", noise_of="author_code")
-    assert (mixed.noise(), mixed.params().damping) == (code.noise, text.params.damping)
-    soft = task("thesis", damping=1.0)
-    assert (soft.noise(), soft.params().damping) == (text.noise, 1.0)
-    assert task("author_code").params().damping == code.params.damping
+    assert (mixed.noise(), mixed.params()) == (code.noise, task("thesis").params())
+    assert task("thesis").noise() == text.noise != code.noise
 
 
 def test_values_out_of_range_are_refused():
