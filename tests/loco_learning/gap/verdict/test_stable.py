@@ -77,6 +77,21 @@ def test_a_record_in_which_another_answer_is_more_probable_is_an_alarm(
     assert "split 'ramp judges'" in alarm and (" and ".join(names) or "nothing") in alarm
 
 
+def test_a_rest_before_a_record_is_no_stretch_of_it():
+    """Its rows are unknown, so half of a record could have nothing that judges."""
+    rest = np.full((1200, 1), np.nan)
+    models = [
+        fitted([np.concatenate([rest, r]) for r in noise([size] * 3)], *names)
+        for size, names in ((0.0, (RUBS,)), (5.0, ()))
+    ]
+    rows = stable.rows(search(), *models, [], 0)
+    short = stable.rows(
+        search(), *(fitted(noise([s] * 3), *n) for s, n in ((0, [RUBS]), (5, []))), [], 0
+    )
+    halves, expected = ([r.closed for r in x if r.vary == "stretch"] for x in (rows, short))
+    assert halves == pytest.approx(expected)
+
+
 def test_a_model_with_the_named_effect_and_another_one_still_has_the_name():
     row = stable.Row("floor", "twice", (LAGS, RUBS), 0.9, 0.9)
     assert stable.alarms([row]) == ()

@@ -33,7 +33,8 @@ from .ground import trots, walkers
 from .physics.machines import Machine
 from .score import SURE
 
-KEPT = ("verdict", "names", "probability", "terms", "rivals", "ambiguous", "gap", "next")
+KEPT = ("verdict", "names", "probability", "terms", "rivals", "ambiguous", "gap", "next",
+        "setup")  # fmt: skip
 HELD = "hold_out"
 WINDOWS, JUDGES, ACCURACIES = (0.0, 0.5, 2.0), (HELD, "fit_chirp", "fit_steps"), (0.0, 0.01, 0.03)
 # The first value is the default of every search.

@@ -101,8 +101,10 @@ def _settings(search: Any, models: Sequence[Fitted]) -> Iterator[tuple[str, str,
     over = [next(refits, []) if on else [m.whole] * len(held_out) for m, on in both]
     for i, *group in zip(held_out, *over, strict=True):
         yield "split", f"{case.records[i].name} judges", [[residuals[i]] for residuals in group]
+    starts = [np.argmax(np.isfinite(r).any(1)) for r in models[0].whole]  # after an unread rest
+    read = [[r[row:] for r, row in zip(m.whole, starts, strict=True)] for m in models]
     for part in range(STRETCHES):
-        stretches = [[np.array_split(r, STRETCHES)[part] for r in m.whole] for m in models]
+        stretches = [[np.array_split(r, STRETCHES)[part] for r in each] for each in read]
         yield "stretch", f"{('first', 'second')[part]} half of each record", stretches
     for times in FLOORS:
         yield "floor", f"{times:g} times as high", [[r / times for r in m.whole] for m in models]

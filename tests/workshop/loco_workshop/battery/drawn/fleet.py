@@ -138,6 +138,8 @@ def _tried(name: str, most: int, rng: np.random.Generator) -> Machine | None:
         else machines.OFF
     )
     jitter = float(rng.uniform(0.02, 0.2)) / (readings or rate) if rng.random() < 0.3 else 0.0
+    if telling["tau"]:  # a torque is the mean over an even period
+        jitter = 0.0
     rest = np.where(springs[:, 0] > 0.0, springs[:, 3], body.start)
     return Machine(
         name, whole, rate, loop.rows, springs, body.start, rest,
