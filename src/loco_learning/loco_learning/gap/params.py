@@ -40,15 +40,20 @@ class GapParams(Params):
     )
     keep: int = parameter(12, "effects that are fitted after screening", low=1, high=40)
     beam: int = parameter(2, "first effects to which a second one is sought", low=1, high=5)
-    most_terms: int = parameter(3, "effects in one model", low=1, high=6)
+    most_terms: int = parameter(
+        3, "effects in one model, besides laws in several joints", low=1, high=6
+    )
     rough: int = parameter(6, "simulations of a first, rough fit, and 2 per parameter", low=2)
     evaluations: int = parameter(18, "simulations of a fit, and 5 per further parameter", low=4)
     finalists: int = parameter(4, "effects that are fitted to the end", low=1, high=40)
     polished: int = parameter(2, "of these, fitted again with their own step error", low=0)
     beyond: int = parameter(100, "simulations that look past the minimum of a fit", low=0)
     closed: float = parameter(
-        0.955, "share of the rms above noise from whose closing on no further effect is sought",
-        "-", 0.2, 1.0
+        0.955,
+        "share of the rms above noise from whose closing on no further effect is sought",
+        "-",
+        0.2,
+        1.0,
     )
     residual: bool = parameter(
         False, "fit a learned correction, which explains nothing, to what has no name"

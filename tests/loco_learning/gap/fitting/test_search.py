@@ -9,10 +9,12 @@ import pytest
 from loco_learning.gap.fitting.screen import Screened
 from loco_learning.gap.fitting.search import Search, call, siblings
 from loco_learning.gap.hypotheses.bundles import Bundle
+from loco_learning.gap.hypotheses.families import families
 from loco_learning.gap.hypotheses.hypotheses import Hypothesis
 from loco_learning.gap.params import GapParams
 from loco_learning.gap.prediction.case import Case
 from loco_learning.gap.statistics.leftover import LIMITS, has_gap
+from loco_sim.effects.coordinates import Coordinate
 
 ROWS, RECORDS = 500, 4
 
@@ -174,3 +176,38 @@ def test_the_best_of_a_tournament_are_fitted_and_more_of_them_in_a_close_race(rm
     search._fit = lambda some: kept.update(dict.fromkeys(parts[0][0].key for parts in some)) or []
     search._tournament(wanted, 2)
     assert "".join(sorted(kept)) == fitted
+
+
+def law(effect, joint, share):
+    size = Coordinate("torque", 1.0, (1.0,), 0.0, 10.0, "N·m", strength=True)
+    return Screened(Hypothesis(effect, joint, (("joint", joint),), (size,)), share, (1.0,))
+
+
+@pytest.mark.parametrize(("alone", "tried"), [(0.1, True), (0.5, False)])
+def test_a_second_law_is_tried_in_all_joints_where_these_explain_more_than_the_best_single(
+    alone, tried
+):
+    joints, kept = ("hip", "knee", "ankle"), []
+    (both,) = families([law("viscous_friction", j, 0.2) for j in joints], joints)
+    results = [law("coulomb_friction", j, 0.1) for j in joints]
+    results += [law("viscous_friction", j, 0.2) for j in joints]  # already in the model
+    results.append(law("load_friction", "knee", alone))
+    search = object.__new__(Search)
+    search.params, search.joints, search.report = GapParams(), joints, None
+    search._screen = lambda *arguments: results
+    search._tournament = lambda wanted, most: kept.extend(wanted) or []
+    model = SimpleNamespace(parts=(both,))
+    search._deepen([model], SimpleNamespace(screened=[], base=None), 2)
+    second = [parts[1][0] for parts in kept if parts[1][0].joints]
+    assert [h.effect for h in second] == (["coulomb_friction"] if tried else [])
+
+
+def test_a_law_in_several_joints_does_not_count_among_the_effects_of_a_model():
+    search = object.__new__(Search)
+    search.params = GapParams(most_terms=2)
+    joints = ("hip", "knee")
+    one = (law("payload", "hip", 0.1).hypothesis, (1.0,))
+    (each,) = families([law("coulomb_friction", j, 0.2) for j in joints], joints)
+    kinds = [((one,), True), ((one, one), False), ((each, one), True), ((each, one, one), False)]
+    for parts, more in kinds:
+        assert search._extensible(SimpleNamespace(parts=parts)) is more

@@ -47,6 +47,8 @@ def test_families_are_of_kinds_that_more_than_one_joint_may_show():
     ranked = families(both, JOINTS)
     assert [f.effect for f, _ in ranked] == ["viscous_friction", "coulomb_friction"]
     assert ranked[0][0].joints == JOINTS[:2]
+    enough = families(both, JOINTS, 0.35)  # the other explains 0.3 in all joints together
+    assert [f.effect for f, _ in enough] == ["viscous_friction"]
 
 
 def test_a_family_in_fewer_joints_keeps_their_sizes_and_ends_in_the_effect_alone():

@@ -167,3 +167,22 @@ def test_a_link_that_is_refitted_to_next_to_nothing_is_led_all_the_same(effects)
     asked = [f"bodies.rod.{name}" for name in ("mass", "inertia")]
     whole = rms(forward, effects, dict.fromkeys(asked, 1.0))
     assert rms(forward, effects, light) > whole  # what the rod needed is missing
+
+
+@pytest.mark.parametrize("damping", [0.03, 0.1, 0.3])
+def test_a_joint_is_led_however_much_it_is_braked(damping):
+    """Its brake is up to five times that of a drive for its inertia alone."""
+    light = {"bodies.rod.mass": 0.01, "bodies.rod.inertia": 0.01}
+    brake = {"name": "viscous_friction", "joint": "pivot", "damping": damping}
+    forward = led.Led(Model("pendulum", light), [swung([brake], light)])
+    assert rms(forward, [brake]) < 0.03 * np.nanstd(forward.measured[0])
+
+
+@pytest.mark.parametrize("joints", [1, 2, 6])
+def test_feedback_is_of_all_joints(monkeypatch, joints):
+    """Friction explains most of the torque of a light wrist, and little of that of a shoulder."""
+    said = [led.Free(0.95, -1.0, 0.5)] * (joints - 1) + [led.Free(0.4, -1.0, 0.5)]
+    monkeypatch.setattr(led, "measured", lambda forward: said)
+    assert led.forward(PENDULUM, [swung()]).how == led.Led.how
+    monkeypatch.setattr(led, "measured", lambda forward: [led.Free(0.95, -1.0, 0.5)] * joints)
+    assert led.forward(PENDULUM, [swung()]).how == Forward.how

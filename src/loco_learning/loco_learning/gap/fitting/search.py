@@ -40,6 +40,7 @@ PAIRS = 2  # pairs that are fitted
 # Increase of the log residual, fitted plus held-out, from the best model to the worst that is
 # refined: twice its rms (taste). A smooth model does not fall that far by refinement.
 IN_REACH = 2.0 * math.log(2.0)
+DEEPEST = 6  # effects in one model, laws in several joints included (taste)
 DEEP = 3  # models of two or more effects that are fitted to convergence at each step
 
 
@@ -144,14 +145,13 @@ class Search:
         """Add one effect at a time to the best models until the residual is explained."""
         base = found.base
         level = self._leading(found.models)
-        for depth in range(2, self.params.most_terms + 1):
-            ranked = self._ranked(base)
-            if not ranked or self.enough(ranked[0], base) or self._idle(ranked, depth - 1):
+        for depth in range(2, DEEPEST + 1):
+            ranked, level = self._ranked(base), [m for m in level if self._extensible(m)]
+            done = not ranked or self.enough(ranked[0], base) or self._idle(ranked, depth - 1)
+            if done or not level:
                 break
             self._deepen(level, found, depth)
             level = self._leading([m for m in self._ranked(base) if len(m.parts) == depth])
-            if not level:
-                break
         found.models = self._ranked(base)
         self.report(0.95, "weighing", self._best(base))
         return found
@@ -168,6 +168,10 @@ class Search:
             names = [EFFECTS[h.effect].identity.kind if h.joints else h.key for h, _ in model.parts]
             best.setdefault(tuple(sorted(names)), model)
         return list(best.values())[: self.params.beam]
+
+    def _extensible(self, model: Fitted) -> bool:
+        """True if a model may have one more effect; a law in several joints is not counted."""
+        return sum(not h.joints for h, _ in model.parts) < self.params.most_terms
 
     def _idle(self, ranked: Sequence[Fitted], depth: int) -> bool:
         """True if the last added effect hardly improved the fit, which ends the search."""
@@ -379,10 +383,15 @@ class Search:
     def _deepen(self, level: Sequence[Fitted], found: Found, depth: int) -> None:
         """Add one effect to each of some models, until one of the results is enough."""
         for i, model in enumerate(level):
-            at = 0.6 + 0.1 * (depth - 2) + 0.1 * i / max(len(level), 1)
-            results = self._screen(model, at, at + 0.05, found.screened)
-            selected = self._chosen(results, AT_LEAST)
-            extended = [(*model.parts, (s.hypothesis, s.x)) for s in selected]
+            at = 0.6 + 0.07 * (depth - 2) + 0.07 * i / max(len(level), 1)
+            results = self._screen(model, at, at + 0.03, found.screened)
+            selected = [(s.hypothesis, s.x) for s in self._chosen(results, AT_LEAST)]
+            present = {h.key for h, _ in model.parts}
+            best = max((s.share for s in results), default=0.0)
+            grouped = [
+                one for one in families(results, self.joints, best) if one[0].key not in present
+            ]
+            extended = [(*model.parts, one) for one in (*grouped, *selected)]
             fitted = self._tournament(extended, min(DEEP, self.params.finalists))
             if any(self.enough(m, found.base) for m in fitted):
                 break  # `judge` looks for rivals of its effects

@@ -21,12 +21,13 @@ LEAST = 0.01  # share of the residual that a joint must explain to be in a famil
 MOST = 4  # families that are fitted (taste)
 
 
-def families(screened: Sequence[Any], joints: tuple[str, ...]) -> list[tuple]:
+def families(screened: Sequence[Any], joints: tuple[str, ...], least: float = 0.0) -> list[tuple]:
     """Families of effects that can act in several joints, each as (hypothesis, start).
 
     Args:
         screened: `Screened` hypotheses, each with the share that it may explain alone.
         joints: Joints of the robot.
+        least: Smallest share that all joints explain together.
 
     Returns:
         The first `MOST` families, the largest summed share first.
@@ -41,6 +42,7 @@ def families(screened: Sequence[Any], joints: tuple[str, ...]) -> list[tuple]:
         (-sum(one.share for one in entries.values()), effect)
         for effect, entries in members.items()
         if sum(one.share >= LEAST for one in entries.values()) > 1
+        and sum(one.share for one in entries.values()) >= least
     )
     entries = [[members[e][j] for j in joints if j in members[e]] for _, e in ranked[:MOST]]
     return [_family([(one.hypothesis, one.x) for one in each], joints) for each in entries]
