@@ -9,9 +9,12 @@ from types import SimpleNamespace as Some
 import numpy as np
 import pytest
 
+from loco_learning.gap.prediction import case as cases
+from loco_learning.gap.prediction import led
 from loco_learning.gap.proposals import following, pool, propose
 from loco_learning.gap.recordings.record import Record
 from loco_learning.gap.statistics import evidence
+from loco_sim.plant.model import Model
 
 NOISE = np.random.default_rng(2).standard_normal((400, 1))
 SLOW = np.sin(np.arange(400) / 30.0)[:, None]
@@ -96,3 +99,15 @@ def test_a_motion_that_was_given_is_known_whenever_and_however_it_was_recorded(g
 def test_a_motion_of_other_joints_is_another():
     given = replace(motion(chirp), driven=("c", "d"), joints=("c", "d"))
     assert not pool.same_motion(motion(chirp), given)
+
+
+def test_a_held_torque_is_simulated_in_the_steps_of_the_robot_where_torques_were_compared():
+    """Rows of inverse dynamics, here of 6 ms, are no control periods."""
+    t = 0.003 * np.arange(1000)
+    q = np.sin(3.0 * t)[:, None]
+    record = Record("swung", t, {"torque": 0.02 * q}, ("pivot",), {"q": q}, ("pivot",))
+    forward = led.Led(Model("pendulum"), [record])
+    there = following.along(cases.prepare(forward, list(forward.records), []), [record])
+    held = {"name": "torque_hold", "joint": "pivot", "period": 0.0125}
+    (said,) = there.predicted([held], {}, [0], 1.0)
+    assert len(said) == len(t) and np.isfinite(said[-1]).all()

@@ -45,9 +45,8 @@ def following(model: Model, case: Case, judged: Judged, notes: list[str]) -> lis
     if not records:
         notes.append("every experiment of the pool was recorded already")
         return []
-    forward = Forward(case.forward.model, records)
-    floors = _floors(case, forward, judged.best)
-    extended, every = replace(case, forward=forward), list(range(len(records)))
+    extended, every = along(case, records), list(range(len(records)))
+    floors = _floors(case, extended.forward, judged.best)
     runs = [_said(extended, m, every) for m in leading]
     free = [_doubt(case, extended, m, base, every) for m, base in zip(leading, runs, strict=True)]
     predictions, deviations = (
@@ -63,6 +62,11 @@ def following(model: Model, case: Case, judged: Judged, notes: list[str]) -> lis
         {"experiment": p.experiment, "separates": list(p.separates), "odds": p.odds}
         for p in ranked[:MOST_PROPOSALS]
     ]
+
+
+def along(case: Case, records: Sequence[Record]) -> Case:
+    """The case along other records, whose motion is simulated even if torques are compared."""
+    return replace(case, forward=Forward(case.forward.model, records), records=list(records))
 
 
 def hypotheses(judged: Judged) -> list[Fitted]:
