@@ -63,6 +63,7 @@ NOT_RUN = {
     "docs/faults.md": LONG,
     "docs/gap.md": NAMES,
     "docs/gap_battery.md": LONG,
+    "docs/gap_battery_drawn.md": LONG,
     "docs/gap_fleet.md": NAMES,
     "docs/gap_ground.md": LONG,
     "docs/gap_measured.md": LONG,

@@ -123,14 +123,16 @@ def test_what_does_not_show_in_what_is_held_out_is_judged_by_all_records(slide):
     assert float(without) < 1.25 < 10.0 < float(on_all)
 
 
-def test_same_seed_same_file_for_any_number_of_workers_and_progress_rises(found):
+def test_same_seed_same_file_for_any_number_of_workers_and_progress_rises(found, cluster):
     told = []
     effects = [{"name": "viscous_friction", "damping": 20.0}]
     three = ("viscous_friction", "coulomb_friction", "sensor_bias")
     pair = QUICK.replace(effects=three, **CHEAP)
     one = found(effects, pair, progress=lambda share, stage, best: told.append(share))
     two = found(effects, pair, workers=2)
+    on_cluster = found(effects, pair, workers=cluster[0])
     assert json.dumps(one, sort_keys=True) == json.dumps(two, sort_keys=True)
+    assert json.dumps(one, sort_keys=True) == json.dumps(on_cluster, sort_keys=True)
     assert told[0] == 0.0
     assert told[-1] == 1.0
     assert told == sorted(told)

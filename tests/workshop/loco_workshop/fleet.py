@@ -27,7 +27,6 @@ from .battery.physics import excitation, machines, plant
 from .battery.physics.hidden import Hidden
 
 MACHINE = "kuka_iiwa"
-STEPS = 16  # integration steps per tick: 4 kHz
 COULOMB = Hidden("coulomb_friction", "lbr_iiwa_joint_4", "torque", {"torque": 1.0})
 HAND = {"link": "lbr_iiwa_link_7", "mass": 0.3, "position": [0.0, 0.0, 0.08]}
 PAYLOAD = Hidden("payload", HAND["link"], "mass", HAND)
@@ -64,7 +63,7 @@ def write(folder: Path, robots: int, days: int, each: int, seed: int, pieces: in
         seed: Seed of commands and noise.
         pieces: Motions of 4 s in a recording.
     """
-    machine = machines.get(MACHINE).with_steps(STEPS)
+    machine = machines.get(MACHINE)
     given = Path(trial.model_of(MACHINE).robot)
     (folder / "robot").mkdir(parents=True, exist_ok=True)
     for file in (given, given.with_suffix(".urdf")):

@@ -54,7 +54,7 @@ def find(
     held_out: Sequence[Record] = (),
     params: GapParams | None = None,
     progress: Callable[[float, str, str], Any] | None = None,
-    workers: int = 1,
+    workers: int | str = 1,
     keep: Keep | None = None,
     memory: Memory | None = None,
 ) -> dict[str, Any]:
@@ -66,7 +66,8 @@ def find(
         held_out: Held-out records; if there are none, the last third of each record is held out.
         params: Settings.
         progress: Called with the completed share, the stage and the best name so far.
-        workers: Number of processes; it does not influence the result.
+        workers: Number of processes, or address of a dask scheduler; it does not influence the
+            result.
         keep: Called with the contents of ``gap.json`` and the measured and predicted curves (None
             if the set-up is wrong), as soon as the verdict is known, before further parts are
             computed.
@@ -117,7 +118,7 @@ def search(
     held_out: Sequence[Record],
     params: GapParams,
     report: Report,
-    workers: int,
+    workers: int | str,
     keep: Keep | None,
     memory: Memory | None,
 ) -> dict[str, Any]:
@@ -137,7 +138,7 @@ def search(
     not_tried = [one for one in untried(robot, candidates) if wanted(one[0], params)] + inseparable
 
     def started() -> Jobs:
-        place = pool.start(call, (case,), workers if workers > 1 else 0)
+        place = pool.start(call, (case,), *pool.where(workers))
         return memory.keeping(place) if memory else place
 
     tasks = started()

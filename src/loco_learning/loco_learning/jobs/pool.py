@@ -25,7 +25,7 @@ from .base import Failure, Jobs, outcome, sendable
 from .cluster import Cluster
 from .process import spawn
 
-__all__ = ["Failure", "Here", "Jobs", "Processes", "start"]
+__all__ = ["Failure", "Here", "Jobs", "Processes", "start", "where"]
 
 TRIES = 2  # runs of a job if its process dies
 
@@ -60,6 +60,17 @@ def start(
     if scheduler:
         return Cluster(payload, scheduler)
     return Processes(payload, workers, limit)
+
+
+def where(workers: int | str) -> tuple[int, str]:
+    """Number of processes and address of a scheduler, for `start`.
+
+    Args:
+        workers: Number of processes, of which one is this one; or the address of a scheduler.
+    """
+    if isinstance(workers, str):
+        return 0, workers
+    return workers if workers > 1 else 0, ""
 
 
 class Here(Jobs):

@@ -103,8 +103,17 @@ def test_neither_order_nor_names_of_robots_matter(made, finished, tmp_path):
     other = {"slide 1": "slide 2", "slide 2": "slide 3", "slide 3": "slide 1"}
     renamed = [row._replace(robot=other[row.robot]) for row in made.rows]
     again, _ = run(made, renamed, tmp_path / "names.jsonl")
-    was = {other[row["robot"]]: row["effects"] for row in result["robots"]}
-    assert {row["robot"]: row["effects"] for row in again["robots"]} == was
+    was = {other[row["robot"]]: rounded(row["effects"]) for row in result["robots"]}
+    assert {row["robot"]: rounded(row["effects"]) for row in again["robots"]} == was
+
+
+def rounded(value):
+    """Values with six digits: sums in another order differ in the last ones."""
+    if isinstance(value, dict):
+        return {key: rounded(entry) for key, entry in value.items()}
+    if isinstance(value, list):
+        return [rounded(entry) for entry in value]
+    return float(f"{value:.6g}") if isinstance(value, float) else value
 
 
 def test_a_fleet_without_faults_names_nothing(made, tmp_path):
@@ -143,7 +152,7 @@ def test_processes_and_a_cluster_that_loses_one_give_the_same_bytes(
             workers[0].kill()
 
     for name, options in (
-        ("two", {"workers": 2}), ("dask", {"scheduler": address, "report": kill}),
+        ("two", {"workers": 2}), ("dask", {"workers": address, "report": kill}),
     ):  # fmt: skip
         again = run(made, made.rows, tmp_path / f"{name}.jsonl", **options)
         assert json.dumps(again) == json.dumps(finished)

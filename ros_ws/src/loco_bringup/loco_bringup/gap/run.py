@@ -32,7 +32,6 @@ RESULT, MODEL, PAGE, ARRAYS, JOB = "gap.json", "model.yaml", "gap.html", "gap.np
 JOURNAL = "search.jsonl"  # results of an unfinished search; deleted at its end
 
 
-
 class JobFile(TypedDict):
     """Keys of `JOB`."""
 
@@ -94,7 +93,7 @@ class Job:
         hold_out: Held-out recordings: they validate the model and are never fitted.
         mapping: Path of a mapping file; empty for recordings of standard topics.
         options: Values of `GapParams` that differ from their defaults.
-        workers: Number of processes.
+        workers: Number of processes, or address of a dask scheduler.
     """
 
     robot: str
@@ -102,7 +101,7 @@ class Job:
     hold_out: tuple[str, ...] = ()
     mapping: str = ""
     options: dict[str, Any] = field(default_factory=dict)
-    workers: int = 2
+    workers: int | str = 2
 
     def default_folder(self) -> Path:
         """Default folder of the results."""

@@ -63,7 +63,8 @@ def job_of(a: argparse.Namespace) -> tuple[runner.Job, Path]:
     if not a.robot:
         raise ParameterError("loco gap wants --robot: a robot, robot.yaml, model.yaml or URDF")
     mapping = str(a.mapping) if a.mapping else ""
-    job = runner.Job(a.robot, tuple(a.bags), tuple(a.hold_out), mapping, options, workers=a.workers)
+    workers = a.scheduler or a.workers
+    job = runner.Job(a.robot, tuple(a.bags), tuple(a.hold_out), mapping, options, workers)
     return job, a.out or job.default_folder()
 
 
@@ -74,7 +75,8 @@ def _more(a: argparse.Namespace, options: dict[str, Any]) -> tuple[runner.Job, P
     old = runner.load_job(a.bags[0])
     job = runner.Job(
         a.robot or old.robot, (*old.bags, *a.add), (*old.hold_out, *a.hold_out),
-        str(a.mapping) if a.mapping else old.mapping, {**old.options, **options}, a.workers,
+        str(a.mapping) if a.mapping else old.mapping, {**old.options, **options},
+        a.scheduler or a.workers,
     )  # fmt: skip
     return job, a.out or Path(a.bags[0])
 

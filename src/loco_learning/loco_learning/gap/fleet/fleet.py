@@ -97,8 +97,7 @@ def find(
     folder: Path,
     setting: Setting,
     memory: Memory,
-    workers: int = 1,
-    scheduler: str = "",
+    workers: int | str = 1,
     report: Report | None = None,
 ) -> Fleet:
     """Fill a fleet; the result does not depend on the place of the jobs or their order.
@@ -108,14 +107,13 @@ def find(
         folder: Folder that their files are relative to.
         setting: Arguments of all jobs.
         memory: Results of the jobs that an earlier call completed.
-        workers: Number of processes.
-        scheduler: Address of a dask scheduler to use instead.
+        workers: Number of processes, or address of a dask scheduler.
         report: Called with the completed share and the stage.
 
     Raises:
         ParameterError: No recording is usable.
     """
-    place = pool.start(tasks.call, (setting,), workers if workers > 1 else 0, scheduler)
+    place = pool.start(tasks.call, (setting,), *pool.where(workers))
     with memory.keeping(place) as jobs:
         work = _Work(jobs, folder, fleet, report or (lambda share, stage: None))
         _read(fleet, work)
@@ -169,7 +167,7 @@ def _loudest(fleet: Fleet, robot: str) -> str:
 
 
 def _search(fleet: Fleet, work: _Work, days: dict[str, str], setting: Setting) -> bool:
-    """Search days of robots; False if all their searches have been done or there is no gap."""
+    """Search days of robots; False if this is not the first time and no new effect was found."""
     jobs, count, first = {}, setting.params.searched, not fleet.searches
     for robot, day in days.items():
         if not day or day in fleet.searches.setdefault(robot, {}):
@@ -190,10 +188,11 @@ def _search(fleet: Fleet, work: _Work, days: dict[str, str], setting: Setting) -
         fleet.searches[robot][day] = (
             SearchResult(FAILED, result.reason, {}, ()) if failed else result
         )
-    old = fleet.terms
-    every = [one for _, one in sorted(_searches(fleet))]
-    fleet.terms = union([one.terms for one in every])
-    return first or (bool(jobs) and fleet.terms != old)
+    groups = {term.group for term in fleet.terms}
+    every = union([one.terms for _, one in _searches(fleet)])
+    new = [term for term in every if term.group not in groups]
+    fleet.terms = sorted([*fleet.terms, *new], key=lambda term: term.key)
+    return first or bool(new)
 
 
 def _searches(fleet: Fleet) -> Iterator[tuple[tuple[str, str], SearchResult]]:

@@ -43,8 +43,8 @@ class FleetParams(Params):
         "-", 0.0, 1.0,
     )  # fmt: skip
     unexplained: float = parameter(
-        0.5, "share of a day's recordings with errors that no effect explains from which on the "
-        "day is searched", "-", 0.0, 1.0
+        0.5, "share of a day's recordings with errors that no effect explains above which the day "
+        "is searched", "-", 0.0, 1.0
     )  # fmt: skip
 
 

@@ -182,11 +182,11 @@ def unexplained(
         rows: Recordings, sorted by robot and day.
         measured: Verified recordings by file.
         done: Robots and days that have been searched.
-        share: Smallest share of a day's recordings with such errors.
+        share: Share of a day's recordings with such errors above which the day counts.
     """
     loudest: dict[str, tuple[float, str]] = {}
     for (robot, day), each in by_day(rows).items():
         errors = [measured[row.file].after for row in each if not measured[row.file].explained]
-        if len(errors) >= max(share * len(each), 1) and (robot, day) not in done:
+        if len(errors) > share * len(each) and (robot, day) not in done:
             loudest[robot] = max(loudest.get(robot, (0.0, "")), (float(np.median(errors)), day))
     return {robot: day for robot, (_, day) in loudest.items()}

@@ -169,6 +169,8 @@ def measure(
     r, columns = before, np.zeros((*before.shape, len(terms)))
     sizes, inverse = at, np.eye(len(terms))
     for step in range(params.steps if terms else 0):
+        if step + 1 == params.steps and any(start):  # a large effect has a step error of its own
+            case = case.corrected(at_ratio(terms, at), {})
         r = _residual(case, terms, at)
         for k, unit in enumerate(np.eye(len(terms))):
             h = (

@@ -44,6 +44,11 @@ class Term:
         """Effect, place and parameter."""
         return " ".join(filter(None, (self.effect, self.place, self.parameter)))
 
+    @property
+    def group(self) -> tuple[str, str]:
+        """Kind of the effect (the effect itself, if it has no kind) and its place."""
+        return EFFECTS[self.effect].identity.kind or self.key, self.place
+
     def legal(self) -> tuple[float, float]:
         """Smallest and largest ratio to the size that the search found."""
         value = self.spec[self.parameter]
@@ -98,8 +103,7 @@ def union(results: Sequence[Sequence[Term]]) -> list[Term]:
     for terms in results:
         groups: dict[tuple[str, str], list[Term]] = {}
         for term in terms:
-            kind = EFFECTS[term.effect].identity.kind or term.key
-            groups.setdefault((kind, term.place), []).append(term)
+            groups.setdefault(term.group, []).append(term)
         for group, members in groups.items():
             keys = tuple(sorted(term.key for term in members))
             sets.setdefault(group, {}).setdefault(keys, []).extend(members)

@@ -52,6 +52,7 @@ def search(p: ArgumentParser) -> None:
            "below a tenth of a signal's deviation counts as explained", "KEY=VALUE")  # fmt: skip
     option(p, "--seed", int, "seed of everything drawn (default 0)")
     option(p, "--workers", 2, "processes (default 2)")
+    option(p, "--scheduler", "", SCHEDULER)
     live(p, "no bag: run a surrogate robot and a model, over topics")
 
 

@@ -79,7 +79,7 @@ def show_fleet(a: argparse.Namespace) -> int:
     with bar("{task.percentage:3.0f} %") as progress:
         report = _Progress(progress, progress.add_task("reading", total=1.0))
         with Memory(out / JOURNAL, inputs, tasks.RESULTS, stays=True) as memory:
-            done = fleet.find(Fleet(rows), root, setting, memory, a.workers, a.scheduler, report)
+            done = fleet.find(Fleet(rows), root, setting, memory, a.scheduler or a.workers, report)
     result = contents.contents(done, a.robot, {**to_dict(gap), **to_dict(params)})
     write(done, result, out)
     show(result, out)
