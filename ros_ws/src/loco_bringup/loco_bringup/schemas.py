@@ -309,6 +309,8 @@ def _plan() -> Schema:
         "seeds": {"type": ["integer", "null"]},
         "overrides": OVERRIDES,
         "options": MAPPING,
+        "base": TEXT,
+        "change": TEXT,
     }
     return _by_name(_mapping(entry), "name of the entry")
 
