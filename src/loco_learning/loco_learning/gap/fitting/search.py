@@ -40,7 +40,7 @@ PAIRS = 2  # pairs that are fitted
 # Increase of the log residual, fitted plus held-out, from the best model to the worst that is
 # refined: twice its rms (taste). A smooth model does not fall that far by refinement.
 IN_REACH = 2.0 * math.log(2.0)
-DEEPEST = 6  # effects in one model, laws in several joints included (taste)
+DEEPEST = 4  # effects in one model, laws in several joints included (taste)
 DEEP = 3  # models of two or more effects that are fitted to convergence at each step
 
 
