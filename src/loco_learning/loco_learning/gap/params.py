@@ -49,12 +49,9 @@ class GapParams(Params):
     polished: int = parameter(2, "of these, fitted again with their own step error", low=0)
     beyond: int = parameter(100, "simulations that look past the minimum of a fit", low=0)
     closed: float = parameter(
-        0.955,
-        "share of the rms above noise from whose closing on no further effect is sought",
-        "-",
-        0.2,
-        1.0,
-    )
+        0.955, "share of the rms above noise from whose closing on no further effect is sought",
+        "-", 0.2, 1.0,
+    )  # fmt: skip
     residual: bool = parameter(
         False, "fit a learned correction, which explains nothing, to what has no name"
     )

@@ -91,7 +91,7 @@ def _run(entry: Entry, folder: Path, workers: int, scheduler: str, only_cost: bo
             write(loaded, results, folder)
     elif only_cost:
         console.print(f"{entry.name}: not timed; its own command tells its progress")
-    elif "preset" in entry.options:
+    elif entry.physics == "msd":
         _run_msd(entry, folder, workers, scheduler)
     else:
         options = CalibrationParams(generations=entry.options["generations"])
@@ -108,7 +108,7 @@ def _other_results(entries: dict[str, Entry], folder: Path) -> dict:
     if (folder / "calibration" / calibrator.results.FILE).is_file():
         readers["calibration"] = lambda: calibrator.results.load(folder / "calibration")
     for name, entry in entries.items():
-        if "preset" in entry.options and (folder / name / "runs").is_dir():
+        if entry.physics == "msd" and (folder / name / "runs").is_dir():
             readers[name] = partial(_msd_results, entry, folder / name)
     return readers
 

@@ -8,13 +8,13 @@ from collections import Counter
 from typing import Any
 
 from ...plain import plain
+from ..verdict.sensitivity import NORMAL
 from .course import ABSENT
 from .fleet import Fleet
 from .pooling import Mean
 from .terms import Term
 
 FORMAT = 1
-NORMAL = 1.96  # half of a 95 % interval over the standard deviation
 
 
 def contents(fleet: Fleet, robot: str, params: dict[str, Any]) -> dict[str, Any]:
@@ -64,24 +64,18 @@ def _effect(fleet: Fleet, k: int) -> dict[str, Any]:
 
 def _robot(fleet: Fleet, robot: str) -> dict[str, Any]:
     """A robot with its effects, and what its searches said."""
-    pooled, counts = (
-        fleet.pooled,
-        Counter(row.day for row in fleet.recordings if row.robot == robot),
-    )
+    mine = [row for row in fleet.recordings if row.robot == robot]
+    pooled, counts = fleet.pooled, Counter(row.day for row in mine)
     return {
         "robot": robot,
-        "recordings": sum(counts.values()),
+        "recordings": len(mine),
         "searches": [
             {"day": day, "verdict": one.verdict, "evidence": one.evidence}
             for day, one in fleet.searches.get(robot, {}).items()
         ],
         "effects": [_course(fleet, robot, k) for k in range(len(fleet.terms))],
         "days": [{"day": day, "recordings": counts[day]} for day in pooled.days[robot]],
-        "unexplained": sum(
-            not pooled.verified[row.file].explained
-            for row in fleet.recordings
-            if row.robot == robot
-        ),
+        "unexplained": sum(not pooled.verified[row.file].explained for row in mine),
     }
 
 

@@ -17,16 +17,15 @@ from ..params import GapParams
 from ..prediction import case as cases
 from ..prediction.case import Case
 from ..recordings.record import FIT, Record, bridged
-from ..setup.bench import busiest
+from ..setup.bench import busiest, robot_of
 from ..statistics import evidence
 from ..statistics.leftover import LIMITS, has_gap
 from .params import FleetParams
 from .terms import Term, at_ratio, terms_of
 
 AXIS = 0.02  # time between rows from which accelerations are estimated [s] (taste)
-STICTION_SPEED = (
-    0.1  # speed, over the rms one, at which dry friction has nearly its full size (taste)
-)
+# Speed, over the rms one, at which dry friction has nearly its full size (taste).
+STICTION_SPEED = 0.1
 VISIBLE = math.sqrt(LIMITS.explained**2 - 1.0)  # change of a channel, as in `gap check` [floors]
 BLOCKS = 16  # parts of a recording between which its errors are independent
 
@@ -117,7 +116,7 @@ def call(setting: Setting, task: Callable[..., Any], *arguments: Any) -> Any:
 def excitation(setting: Setting, file: tuple) -> Excitation:
     """Length and information of a recording."""
     record = _longest(setting, file)
-    part = busiest(record, setting.params.seconds)
+    part = _part(setting, record, setting.params.seconds)
     every = max(1, round(AXIS / part.dt))
     q = bridged(part.signals["q"])[: len(part.t) // every * every]
     q = q.reshape(-1, every, q.shape[1]).mean(axis=1)
@@ -173,11 +172,8 @@ def measure(
             case = case.corrected(at_ratio(terms, at), {})
         r = _residual(case, terms, at)
         for k, unit in enumerate(np.eye(len(terms))):
-            h = (
-                params.difference
-                if at[k] + params.difference <= legal[k, 1]
-                else -params.difference
-            )
+            fits = at[k] + params.difference <= legal[k, 1]
+            h = params.difference if fits else -params.difference
             columns[..., k] = (_residual(case, terms, at + h * unit) - r) / h
         if step:
             power = np.nansum(np.square(r), axis=0) / np.maximum(measured.sum(0), 1)
@@ -220,8 +216,13 @@ def _longest(setting: Setting, file: tuple) -> Record:
 
 
 def _excerpt(setting: Setting, file: tuple, seconds: float) -> Record:
-    """The part of a recording that moves most."""
-    return replace(busiest(_longest(setting, file), seconds), role=FIT)
+    """The simulated part of a recording, as one to fit."""
+    return replace(_part(setting, _longest(setting, file), seconds), role=FIT)
+
+
+def _part(setting: Setting, record: Record, seconds: float) -> Record:
+    """The part of a recording that moves most, see `busiest`."""
+    return busiest(record, seconds, robot_of(setting.model, record))
 
 
 def _case(setting: Setting, file: tuple, overrides: Mapping[str, Any]) -> Case:

@@ -38,11 +38,11 @@ def families(screened: Sequence[Any], joints: tuple[str, ...], least: float = 0.
         single = h.place in joints and not h.variant and not h.joints
         if single and EFFECTS[h.effect].identity.kind and not one.dead and one.share > 0.0:
             members.setdefault(h.effect, {})[h.place] = one
+    shares = {e: [one.share for one in entries.values()] for e, entries in members.items()}
     ranked = sorted(
-        (-sum(one.share for one in entries.values()), effect)
-        for effect, entries in members.items()
-        if sum(one.share >= LEAST for one in entries.values()) > 1
-        and sum(one.share for one in entries.values()) >= least
+        (-sum(each), effect)
+        for effect, each in shares.items()
+        if sum(share >= LEAST for share in each) > 1 and sum(each) >= least
     )
     entries = [[members[e][j] for j in joints if j in members[e]] for _, e in ranked[:MOST]]
     return [_family([(one.hypothesis, one.x) for one in each], joints) for each in entries]

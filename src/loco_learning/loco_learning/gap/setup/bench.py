@@ -16,7 +16,6 @@ from loco_control.exceptions import LocoError
 from loco_sim.bolted.loop import needs_engine
 from loco_sim.plant.model import Model
 from loco_sim.robot.robot import Robot
-from loco_sim.robot.servo import ImpedanceDrive
 
 from ..prediction.forward import Forward, ForwardParams
 from ..prediction.led import Led, possible
@@ -272,7 +271,7 @@ def busiest(record: Record, seconds: float, robot: Robot | None = None) -> Recor
     if width >= len(record.t) - 1:
         return record
     drives = robot.drives.values() if robot else ()
-    if any(isinstance(d, ImpedanceDrive) and (d.ki > 0.0 or d.speed_ki > 0.0) for d in drives):
+    if any(getattr(drive, "integrates", False) for drive in drives):
         return record.rows(0, width + 1)
     rates = np.diff(bridged(record.signals["q"]), axis=0)
     size = np.maximum(np.sqrt(np.mean(rates**2, axis=0)), 1e-12)
