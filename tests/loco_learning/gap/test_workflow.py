@@ -8,12 +8,14 @@ case is a search.
 import json
 import re
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from loco_control.exceptions import ParameterError
 from loco_learning.gap import contents, workflow
+from loco_learning.gap.hypotheses.hypotheses import Hypothesis
 from loco_learning.gap.params import GapParams
 from loco_learning.gap.prediction.forward import Forward
 from loco_sim.effects.catalogue.friction import StribeckFriction as Stribeck
@@ -265,3 +267,20 @@ def test_rounded_readings_leave_a_note_and_no_verdict(slide):
     assert any("all readings of slide are multiples of 0.002" in note for note in gap["notes"])
     assert gap["not_tried"][0]["effect"] == "quantisation"
     assert gap["model"]["effects"] == []
+
+
+def test_compensated_friction_is_named_and_less_friction_of_the_urdf_told_with_it(slide, one_joint):
+    """The axis has a damping of 1 N·s/m in its URDF, the robot of the last line has none."""
+    planted = {"torque": 2.0, "damping": 2.0, "velocity": 0.1}
+    tried = QUICK.replace(effects=("friction_compensation", "coulomb_friction", "armature"))
+    both = slide.records([{"name": "friction_compensation", **planted}])
+    gap = workflow.find(slide.model, *both, tried)
+    assert (gap["verdict"], gap["names"]) == ("named", ["friction_compensation"])
+    for name, value in planted.items():
+        assert gap["terms"][0]["parameters"][name]["value"] == pytest.approx(value, rel=0.1)
+    assert [alarm.partition(":")[0] for alarm in gap["alarms"]] == [
+        "friction_compensation in slide"
+    ]
+    found = Hypothesis("friction_compensation", "slide", (), ())
+    bare = SimpleNamespace(parts=((found, ()),))
+    assert contents.less_friction(one_joint("slide", "prismatic"), bare) == []

@@ -32,6 +32,7 @@ SMALL = {  # parameters with which robots of all sizes stay stable
     "series_elasticity": {"compliance": 0.001, "inertia": 0.5},
     "asymmetric_friction": {"forward": 0.03, "backward": 0.06},
     "coupled_friction": {"torque": 0.02, "damping": 0.001, "stroke": 0.1},
+    "friction_compensation": {"torque": 0.01, "damping": 0.005},
     "torque_bias": {"torque": 0.05},
     "constant_force": {"force": [0.4, -0.2, 0.3]},
     "torque_ripple": {"sine": 0.03, "cosine": -0.02},

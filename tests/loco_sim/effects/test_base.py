@@ -34,6 +34,7 @@ STRONG = {
     "cubic_stiffness": {"cubic": 1000.0},
     "end_stop": {"angle": 0.02, "stiffness": 100.0, "damping": 1.0},
     "foot_friction": {"error": -0.9},
+    "friction_compensation": {"torque": 5.0, "damping": 0.5},
     "gravity_compensation": {"share": 0.5},
     "ground_compliance": {"compliance": 1e-4},
     "ground_height": {"height": 0.02, "foot": "lf_foot"},

@@ -52,6 +52,7 @@ CLEAR = {
     "torque_bias": {"torque": 0.1},
     "torque_ripple": {"sine": 0.05, "cosine": 0.05},
     "coupled_friction": {"torque": 0.02, "damping": 0.001, "stroke": 0.1},
+    "friction_compensation": {"torque": 0.01, "damping": 0.001},
     "command_dropout": {"probability": 0.5},
     "quantisation": {"step": 0.02},
 }

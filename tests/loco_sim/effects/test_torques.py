@@ -115,3 +115,16 @@ def test_friction_of_two_joints_follows_the_sum_of_their_speeds():
         for _ in range(200):
             tau = made.on_torque(zero, zero, along, dt, 0.0)
     np.testing.assert_allclose(tau, [0.0, -3.0, -3.0], rtol=1e-6)
+
+
+def test_compensation_of_friction_cancels_it_where_the_joint_moves():
+    """Friction and its compensation together: the motion without both."""
+    made = [
+        {"name": "viscous_friction", "damping": 3.0},
+        {"name": "coulomb_friction", "torque": 2.0},
+        {"name": "friction_compensation", "torque": 2.0, "damping": 3.0, "velocity": 1e-3},
+    ]
+    plant, start = replace(AXIS, drives={"slide": TorqueDrive()}), (np.zeros(1), np.array([0.4]))
+    slowed, whole, bare = (run(plant, e, 20, start=start).dq[:, 0] for e in (made[:2], made, []))
+    assert np.abs(slowed - bare).max() > 0.01
+    np.testing.assert_allclose(whole, bare, rtol=1e-3)

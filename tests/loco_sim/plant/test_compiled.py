@@ -27,6 +27,7 @@ STRONG = {  # where the prior has no typical size, or one that throws a small ro
     "torque_bias": {"torque": 0.05},
     "torque_ripple": {"sine": 0.03, "cosine": -0.02},
     "coupled_friction": {"torque": 0.02, "damping": 0.001, "stroke": 0.1},
+    "friction_compensation": {"torque": 0.01, "damping": 0.001},
     "command_dropout": {"probability": 0.4},
     "constant_force": {"force": [0.5, 0.3, -0.2]},
     "push": {"force": [0.5, 0.3, -0.2], "random": 0.4, "shortest": 0.003, "longest": 0.02},

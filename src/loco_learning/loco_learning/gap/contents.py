@@ -12,7 +12,10 @@ import numpy as np
 
 from loco_control.params import to_dict
 from loco_sim.effects.base import EFFECTS
+from loco_sim.effects.places import members
 from loco_sim.plant.model import Model
+from loco_sim.robot.description import Description
+from loco_sim.robot.robot import Robot
 
 from ..plain import plain
 from .fitting import residual
@@ -39,6 +42,7 @@ FORMAT = 1
 WHERE, LEARNED = 3, 6  # keys of random streams
 FEW_JOINTS = 3  # joints listed by name
 MOST_CELLS = 40  # cells listed at most
+COMPENSATION = "friction_compensation"
 LIKELY = 0.01  # probability of a place from which on it is listed
 EMPTY = {"where": [], "regions": [], "identifiability": {}, "correction": None,
          "residual": None, "next": []}  # fmt: skip
@@ -85,7 +89,11 @@ def contents(
             "kinds": kinds_of(judged.weights, decision) if with_gap else [],
             "probability": probabilities(judged.weights, judged.best) if with_gap else {},
             "gap": gap(case, judged.given, after),
-            "alarms": [*judged.alarms, *warnings],
+            "alarms": [
+                *judged.alarms,
+                *less_friction(case.forward.given(), judged.best),
+                *warnings,
+            ],
             "align": [f"{r.name}: {note}" for r in case.records for note in r.notes],
             "reading": reading,
             "notes": [
@@ -120,6 +128,24 @@ def probabilities(weights: Weights, model: Fitted) -> dict[str, dict[str, float]
         "kinds": {kind: weights.kind(kind) for kind in kinds},
         "places": {place: weights.place(place) for place in where},
     }
+
+
+def less_friction(robot: Robot, model: Fitted) -> list[str]:
+    """A sentence if compensated friction may as well be too much friction in the URDF; else none.
+
+    Args:
+        robot: Robot of the model.
+        model: Selected model.
+    """
+    text = Description(robot.urdf)
+    found = [p for h, _ in model.parts if h.effect == COMPENSATION for p in places(h)]
+    joints = {joint for place in found for joint in members(robot, place)}
+    rubs = [j for j in robot.joints if j in joints and text.friction(j) + text.damping(j) > 0.0]
+    return [
+        f"{COMPENSATION} in {joint}: less friction than the URDF has there moves as it does; turn "
+        "the joint by hand with its drive off"
+        for joint in rubs
+    ]
 
 
 def doubts(records: Sequence[Record]) -> list[str]:

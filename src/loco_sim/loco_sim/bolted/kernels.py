@@ -13,7 +13,7 @@ from ..effects.rows import GAIN, LIMIT, ON_MOTOR, SAG, SPEED_LINE
 from ..world.braking import split
 from .dynamics import advance, workshop
 
-MADE_OF = "a6308e416335"  # of the called kernels, see tests/loco_sim/test_kernel_caches.py
+MADE_OF = "da436373395e"  # of the called kernels, see tests/loco_sim/test_kernel_caches.py
 
 
 @njit(cache=True, error_model="numpy")

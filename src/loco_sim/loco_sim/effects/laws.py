@@ -10,7 +10,7 @@ forces [N] and lengths [m].
 
 from __future__ import annotations
 
-from math import cos, exp, sin
+from math import cos, exp, sin, tanh
 
 import numpy as np
 from numba import njit
@@ -20,6 +20,7 @@ from ..drives.servo_kernels import due, given, scaled
 from ..drives.spring_kernels import spring_torque
 from .rows import (
     BACKLASH,
+    COMPENSATION,
     COUPLED,
     DELAY,
     END_STOP,
@@ -328,6 +329,14 @@ def coupled(first, last, joint, const, memory, tau, q, dq, dt):
 
 
 @njit(cache=True)
+def compensation(first, last, joint, const, memory, tau, q, dq, dt):
+    """Law tau <- tau + T tanh(dq / v) + damping dq; const: T, v, damping."""
+    for r in range(first, last):
+        speed = dq[joint[r]]
+        tau[joint[r]] += const[r, 0] * tanh(speed / const[r, 1]) + const[r, 2] * speed
+
+
+@njit(cache=True)
 def friction(first, last, joint, const, budget, tau, dq):
     """Budget + dry + extra exp(-(dq / v)^2) + viscous |dq| + share |tau|.
 
@@ -400,6 +409,8 @@ def torques(of_drives, step, dt, laws, tau, q, dq):
             wave(a, b, joint, const, memory, tau, q, dq, dt)
         elif law == COUPLED:
             coupled(a, b, joint, const, memory, tau, q, dq, dt)
+        elif law == COMPENSATION:
+            compensation(a, b, joint, const, memory, tau, q, dq, dt)
         elif law == LEARNED:
             learned(a, b, joint, const, memory, tau, q, dq, dt)
 

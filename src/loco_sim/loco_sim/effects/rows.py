@@ -10,7 +10,7 @@ import numpy as np
 # Numbers of the laws in `laws.torques`; friction laws have none.
 GAIN, DELAY, LAG, LIMIT, SPEED_LINE, SAG, BACKLASH, SERIES, HOLD = range(9)
 SPRING, SATURATION, RESCALED, SHIFTED, END_STOP, HYSTERESIS, MAXWELL, LEARNED = range(9, 17)
-WAVE, COUPLED = range(17, 19)
+WAVE, COUPLED, COMPENSATION = range(17, 20)
 OF_DRIVES = 9  # smaller numbers are laws on the drive torque, the others on the joint torque
 FEATURES = 18  # number of features of `learned_kernels.learned_torque`
 CONSTANTS, MEMORY = 7 + FEATURES, 5  # numbers per row

@@ -16,7 +16,7 @@ from ..effects.laws import OF_DRIVE, OF_JOINT, bend, budgets, copy_rows, motors,
 from ..world.hinges import torque as hinge_torque
 from .sensing import BASE
 
-MADE_OF = "49b6c80933f0"  # of the kernels called here: see tests/loco_sim/test_kernel_caches.py
+MADE_OF = "c18c3ef03d7c"  # of the kernels called here: see tests/loco_sim/test_kernel_caches.py
 
 
 @intrinsic

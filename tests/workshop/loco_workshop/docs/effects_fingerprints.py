@@ -113,6 +113,7 @@ FINGERPRINTS: dict[str, Fingerprint] = {
     "joint_offset": moved({"offset": 0.01}),
     "torque_bias": swing({"torque": 0.2}),
     "torque_ripple": swing({"sine": 0.15, "count": 12.0}),
+    "friction_compensation": swing({"torque": 0.02, "damping": 0.01}),
     "gravity_compensation": swing({"share": 0.5}),
     "asymmetric_friction": moved({"forward": 20.0, "backward": 5.0}, **_TRACK),
     "coupled_friction": Fingerprint(

@@ -238,3 +238,41 @@ class CoupledFriction(TorqueEffect, name="coupled_friction"):
 
     def energy(self, q: np.ndarray, dq: np.ndarray) -> float:
         return float(0.5 * self.torque * self.stroke * np.sum(self.memory[:, 0] ** 2))
+
+
+@dataclass
+class FrictionCompensation(TorqueEffect, name="friction_compensation"):
+    """The drive feeds forward dry and viscous friction: a torque with the motion, not against it.
+
+    What it adds to the friction of the model is negative. Torque readings do not include it, as
+    with commands that are logged before the compensation.
+    """
+
+    torque: float = parameter(0.0, "compensated dry friction", "N·m", 0.0, 200.0)
+    damping: float = parameter(0.0, "compensated viscous damping", "N·m·s/rad", 0.0, 1000.0)
+    velocity: float = parameter(0.03, "speed at which it is 76 % of `torque`", "rad/s", 1e-4, 10.0)
+    law, among = rows.COMPENSATION, "driven"
+
+    identity = Identity(
+        site="friction",
+        kind="compensation",
+        equation="tau <- tau + torque tanh(dq / velocity) + damping dq",
+        priors={
+            "torque": Prior(0.005, 0.05, 2.0),
+            "damping": Prior(0.001, 0.05, 5.0),
+            "velocity": Prior(0.003, 0.03, 0.3),
+        },
+        strengths=("torque", "damping"),
+        source="Olsson, Astrom, Canudas de Wit, Gafvert, Lischinsky 1998, Friction models and "
+        "friction compensation, European Journal of Control 4(3)",
+        look_alikes=(
+            LookAlike("torque_constant_error", "hold a known weight: only a constant shows"),
+            LookAlike("actuation_delay", "drive off, swing freely: a delay does not act"),
+            LookAlike("armature", "constant speed: inertia needs no torque"),
+        ),
+        touches=("torque",),
+        passive=False,
+    )
+
+    def constants(self, world: Any, joints: np.ndarray) -> Sequence[Any]:
+        return self.torque, self.velocity, self.damping
