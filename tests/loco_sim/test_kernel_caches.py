@@ -19,8 +19,11 @@ import loco_sim
 ROOT = Path(loco_sim.__file__).parent
 
 
+MARKS = "@njit", "@kernel", "@inlined"  # decorators of numba and of `loco_sim.jit`
+
+
 def kernels(path: Path) -> bool:
-    return "@njit" in path.read_text()
+    return any(mark in path.read_text() for mark in MARKS)
 
 
 def called(path: Path) -> set[Path]:
@@ -54,7 +57,10 @@ def slices(path: Path) -> list[str]:
     compiled = [
         node
         for node in nodes
-        if any("njit" in ast.unparse(mark) for mark in getattr(node, "decorator_list", ()))
+        if any(
+            "@" + ast.unparse(mark).partition("(")[0] in MARKS
+            for mark in getattr(node, "decorator_list", ())
+        )
     ]
     return [
         ast.unparse(node)

@@ -97,7 +97,8 @@ def test_viscous_friction_decays_and_is_stable_however_large():
 
 def test_what_a_torque_brakes_and_what_the_engine_brakes_is_the_whole_budget():
     budget, dq = np.array([1.0, 1.0, 1.0, 0.0]), np.array([5.0, -5.0, 0.01, 0.0])
-    motor, drag = split(budget, dq, np.full(4, 0.1))
+    motor, drag = both = np.empty((2, 4))
+    split(budget, dq, np.full(4, 0.1), both)
     np.testing.assert_array_equal(motor, [0.0, 0.0, 1.0, 0.0])
     np.testing.assert_array_equal(np.abs(drag) + motor, budget)
     assert np.all(drag * dq <= 0.0)

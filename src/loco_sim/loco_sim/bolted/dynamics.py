@@ -11,6 +11,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
+from ..jit import inlined, kernel
 from .tree import ARMATURE, AXIS, COM, DAMPING, HIGH, INERTIA, LOW, MASS, PLACE, TURN
 
 STOP_SHARE = 0.2  # share of the penetration of a stop that is corrected per step, as in PyBullet
@@ -26,19 +27,18 @@ AT, ALONG, SPIN, SPIN_RATE, RATE, ROT = np.array([0, 3, 6, 9, 12, 15])
 FORCE, MOMENT, FIRST, SECOND, WEIGHT, WIDTH = np.array([24, 27, 30, 33, 42, 43])
 
 ZERO = (0.0, 0.0, 0.0)
-EYE = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0)
 
 # Vectors and matrices are tuples of 3 and 9 numbers, which stay in registers. Reference counting
 # of array views took longer than the arithmetic.
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def vector(a, i, k=0):
     """Three numbers of row i of an array, from column k."""
     return a[i, k], a[i, k + 1], a[i, k + 2]
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def matrix(a, i, k=0):
     """Nine numbers of row i of an array, from column k."""
     return (
@@ -48,44 +48,44 @@ def matrix(a, i, k=0):
     )  # fmt: skip
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def put(a, i, k, values):
     """Write a vector or matrix into row i of an array, from column k."""
     for r in range(len(values)):
         a[i, k + r] = values[r]
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def dot(a, b):
     """Inner product of two vectors."""
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def cross(a, b):
     """Vector product of two vectors."""
     return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def along_by(a, b, by):
     """Vector a + by * b, with the scalar `by`."""
     return a[0] + by * b[0], a[1] + by * b[1], a[2] + by * b[2]
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def applied(m, v):
     """Matrix times vector."""
     return dot(m[0:3], v), dot(m[3:6], v), dot(m[6:9], v)
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def transposed(m):
     """Transposed matrix."""
     return m[0], m[3], m[6], m[1], m[4], m[7], m[2], m[5], m[8]
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def product(a, b):
     """Matrix product."""
     t = transposed(b)
@@ -93,7 +93,7 @@ def product(a, b):
     return x[0], y[0], z[0], x[1], y[1], z[1], x[2], y[2], z[2]
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def turn_about(axis, angle):
     """Rotation matrix about a unit axis by an angle [rad]."""
     c, s = np.cos(angle), np.sin(angle)
@@ -119,7 +119,7 @@ def workshop(n):
     return np.empty((n, WIDTH)), np.zeros((n, n)), rows, rows[n], impulses, acting
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@inlined
 def dynamics(tree, gravity, q, dq, links, mass_matrix, bias):
     """Mass matrix, (n, n), and bias torque at zero acceleration, (n,), in place.
 
@@ -136,7 +136,7 @@ def dynamics(tree, gravity, q, dq, links, mass_matrix, bias):
     inwards(tree, links, mass_matrix, bias)
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@inlined
 def outwards(tree, gravity, q, dq, links):
     """Pass from base to tips: poses, velocities, and link forces at zero joint acceleration.
 
@@ -153,10 +153,11 @@ def outwards(tree, gravity, q, dq, links):
     kin, body = tree[0], tree[1]
     for i in range(len(kin)):
         p, slides, m = kin[i, 0], kin[i, 1], body[i, MASS]
-        up = EYE if p < 0 else matrix(links, p, ROT)
-        rot = product(up, matrix(body, i, TURN))
+        rot, arm = matrix(body, i, TURN), vector(body, i, PLACE)
+        if p >= 0:
+            up = matrix(links, p, ROT)
+            rot, arm = product(up, rot), applied(up, arm)
         along = applied(rot, vector(body, i, AXIS))
-        arm = applied(up, vector(body, i, PLACE))
         if slides:
             arm = along_by(arm, along, q[i])
         else:
@@ -200,14 +201,14 @@ def outwards(tree, gravity, q, dq, links):
         links[i, WEIGHT] = m
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def carried(arm, spin, spin_rate, rate):
     """Acceleration of the point at `arm` [m] from the origin of a rotating body [m/s²]."""
     x, y = cross(spin_rate, arm), cross(spin, cross(spin, arm))
     return rate[0] + x[0] + y[0], rate[1] + x[1] + y[1], rate[2] + x[2] + y[2]
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@inlined
 def inwards(tree, links, mass_matrix, bias):
     """Pass from tips to base: bias torques and mass matrix; arguments as in `dynamics`."""
     kin = tree[0]
@@ -238,7 +239,7 @@ def inwards(tree, links, mass_matrix, bias):
                 links[p, k] += links[i, k]
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def lever(slides, at, along, force, moment):
     """Torque (force if sliding) at a joint from a force and a moment about the world's origin."""
     if slides:
@@ -246,7 +247,7 @@ def lever(slides, at, along, force, moment):
     return dot(along, along_by(moment, cross(at, force), -1.0))
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def factorise(kin, matrix):
     """L' L of a mass matrix, in place in its lower half; zeros between branches are skipped."""
     for k in range(len(kin) - 1, -1, -1):
@@ -264,7 +265,7 @@ def factorise(kin, matrix):
             i = kin[i, 0]
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def solve(kin, factor, rows, k):
     """Solve M y = x for row k of `rows`, in place, with the factors of M from `factorise`."""
     n = len(kin)
@@ -282,7 +283,7 @@ def solve(kin, factor, rows, k):
         rows[k, i] /= factor[i, i]
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@inlined
 def pulled(tree, links, pulls, step, x):
     """Subtract the joint torques of external forces from `x`, in place.
 
@@ -312,7 +313,7 @@ def pulled(tree, links, pulls, step, x):
             i = kin[i, 0]
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@inlined
 def advance(tree, gravity, tau, brake, pulls, step, q, dq, dt, room):
     """One integration step of positions and velocities, in place.
 
@@ -347,7 +348,7 @@ def advance(tree, gravity, tau, brake, pulls, step, q, dq, dt, room):
         q[i] += dt * dq[i]
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def stop(kin, factor, brake, body, q, dq, dt, answer, given, acting):
     """Impulses of joint stops and brakes; arguments as in `advance` and `workshop`.
 
@@ -387,13 +388,13 @@ def stop(kin, factor, brake, body, q, dq, dt, answer, given, acting):
             break
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def given_back(way, dt):
     """Speed that corrects the penetration `way` of a stop [rad/s or m/s]."""
     return STOP_SHARE * way / dt if abs(way) < STOP_DEPTH else 0.0
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def shove(answer, i, impulse, dq):
     """Add the effect of an impulse on joint i to the velocities."""
     for j in range(len(dq)):

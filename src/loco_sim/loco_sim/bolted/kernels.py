@@ -10,68 +10,48 @@ from ..drives.actuators import COMMANDS, add_springs, asked, drive_torques
 from ..drives.servo_kernels import ROTOR, SPIN
 from ..effects.laws import OF_DRIVE, OF_JOINT, bend, budgets, copy_rows, motors, torques
 from ..effects.rows import GAIN, LIMIT, ON_MOTOR, SAG, SPEED_LINE
+from ..jit import kernel
 from ..world.braking import split
 from .dynamics import advance, workshop
 
-MADE_OF = "da436373395e"  # of the called kernels, see tests/loco_sim/test_kernel_caches.py
+MADE_OF = "46d1505d4094"  # of the called kernels, see tests/loco_sim/test_kernel_caches.py
 
 
 @njit(cache=True, error_model="numpy")
-def run(
-    tree,
-    order,
-    gravity,
-    pieces,
-    starts,
-    targets,
-    which,
-    power,
-    drives,
-    springs,
-    rotors,
-    change,
-    brakes,
-    pulls,
-    slow,
-    dt,
-    out,
-    memories,
-):
+def run(orders, out, memories):
+    """Allocate the work arrays of `simulate`, and run it; arguments as there."""
+    n = out.shape[2]
+    room = (
+        (np.empty(n), np.empty(n), np.empty(n), np.empty(2 * n), np.empty((COMMANDS, n))),
+        (np.empty(n), np.empty(n), np.empty(n), np.empty((2, n)), orders.drives.copy()),
+        (np.empty(n), np.empty((2, n)), np.zeros(n)),
+        workshop(n),
+    )
+    simulate(orders, out, memories, room)
+
+
+@kernel
+def simulate(orders, out, memories, room):
     """Simulate pieces of a command sequence, each from its own initial state, until one diverges.
 
     Args:
-        tree: `tree.Tree` of n joints.
-        order: Index among the robot's joints of each joint of the tree, (n,).
-        gravity: Acceleration of gravity [m/s²], (3,).
-        pieces: First row of each piece and the row after its last, (w, 2).
-        starts: Initial positions and velocities of each piece, in the robot's order, (w, 2, n).
-        targets: Commands as in `actuators.drive_torques`, in the robot's order, (k, COMMANDS, n).
-        which: Row of `targets` for each physics step, (T * steps,).
-        power: Supply and switch of each row, (T, 2).
-        drives: Drives as in `actuators.drive_torques`, (n, COLUMNS).
-        springs: Springs as in `actuators.add_springs`, (n, 7).
-        rotors: State of the drives as in `actuators.drive_torques`, (n, MEMORY);
-            changed.
-        change: `effects.rows.Laws` of the effects on torques.
-        brakes: `effects.rows.Laws` of the friction effects.
-        pulls: `effects.pulls.Pulls`.
-        slow: Values of `braking.stopped_per_torque` per piece, in the robot's order, (w, n).
-        dt: Physics step [s].
+        orders: `limbs.Orders`; states of drives and memory of effects are changed.
         out: Result: positions, velocities and mean torques before each row, (T, 3, n).
         memories: Result: memory of the effects before each row, (T, rows, MEMORY), or empty.
+        room: Work arrays, from `run`.
     """
+    tree, order, gravity, pieces, starts, targets, which, power = orders[:8]
+    drives, springs, rotors, change, brakes, pulls, slow, dt = orders[8:]
     plan, joint, const, memory, line = change
     brake_plan, brake_joint, brake_const = brakes[:3]
     n, steps = out.shape[2], len(which) // out.shape[0]
-    q, dq, push, motor = np.empty(n), np.empty(n), np.empty(n), np.zeros(n)  # in the tree's order
-    state, command, mean = np.empty(2 * n), np.empty((COMMANDS, n)), np.empty(n)
-    budget, tau, drive_tau, rows = np.zeros(n), np.empty(n), np.empty(n), drives.copy()
+    (q, dq, push, state, command), (tau, drive_tau, mean, share, rows), braked, work = room
+    budget, split_up, motor = braked  # motor, q, dq and push are in the tree's order
     has_brakes, weakened = len(brake_plan) > 0, False
     for k in range(len(plan)):
         if plan[k, 0] in (GAIN, LIMIT, SPEED_LINE, SAG):
             for i in range(plan[k, 1], plan[k, 2]):
                 weakened |= const[i, ON_MOTOR] != 0.0
-    work = workshop(n)
     for w in range(len(pieces)):
         for i in range(n):
             q[i], dq[i], mean[i] = starts[w, 0, order[i]], starts[w, 1, order[i]], 0.0
@@ -101,7 +81,7 @@ def run(
                 supply, on = power[row, 0], power[row, 1]
                 if weakened:
                     copy_rows(drives, rows)
-                    share = asked(state, command, drives, rotors, supply, on, dt, step)
+                    asked(state, command, drives, rotors, supply, on, dt, step, share)
                     motors(step, plan, joint, const, rows, share[0], share[1])
                 drive_torques(state, command, rows, rotors, dt, supply, on, tau, step)
                 if len(plan):
@@ -118,10 +98,10 @@ def run(
                     budget[:] = 0.0
                     velocity = state[n:]
                     budgets(step, brake_plan, brake_joint, brake_const, budget, drive_tau, velocity)
-                    held, drag = split(budget, velocity, slow[w])
+                    split(budget, velocity, slow[w], split_up)
                     for i in range(n):
-                        push[i] += drag[order[i]]
-                        motor[i] = held[order[i]]
+                        motor[i] = split_up[0, order[i]]
+                        push[i] += split_up[1, order[i]]
                 advance(tree, gravity, push, motor, pulls, step, q, dq, dt, work)
                 step += 1
             for i in range(n):

@@ -23,7 +23,26 @@ MOST = 2**25  # size of the cache [bytes]
 
 
 class Orders(NamedTuple):
-    """Input arguments of `kernels.run`, in its order."""
+    """Inputs of `kernels.run` for a tree of n joints.
+
+    Attributes:
+        tree: Joints and links of the robot.
+        order: Index among the robot's joints of each joint of the tree, (n,).
+        gravity: Acceleration of gravity [m/s²], (3,).
+        pieces: First row of each piece and the row after its last, (w, 2).
+        starts: Initial positions and velocities of each piece, in the robot's order, (w, 2, n).
+        targets: Commands as in `actuators.drive_torques`, in the robot's order, (k, COMMANDS, n).
+        which: Row of `targets` for each physics step, (T * steps,).
+        power: Supply and switch of each row, (T, 2).
+        drives: Drives as in `actuators.drive_torques`, (n, COLUMNS).
+        springs: Springs as in `actuators.add_springs`, (n, 7).
+        rotors: State of the drives as in `actuators.drive_torques`, (n, MEMORY).
+        change: Laws of the effects on torques.
+        brakes: Laws of the friction effects.
+        pulls: External forces.
+        slow: Values of `braking.stopped_per_torque` per piece, in the robot's order, (w, n).
+        dt: Physics step [s].
+    """
 
     tree: Tree
     order: np.ndarray
@@ -116,7 +135,7 @@ class Kept:
             return
         joints = np.concatenate([apart[k] for k in new])
         states = np.full((len(out), 3, len(joints)), np.nan)
-        run(*orders.of(joints), states, np.zeros((0, *orders.change.memory.shape)))
+        run(orders.of(joints), states, np.zeros((0, *orders.change.memory.shape)))
         out[:, :, orders.order[joints]] = states
         for first, stop in orders.pieces:
             lost = np.isnan(states[first:stop, 0]).any(axis=1)

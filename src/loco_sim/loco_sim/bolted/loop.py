@@ -215,7 +215,7 @@ class Bolted:
             change, brakes, forces, stop_speed, self.physics_dt,
         )  # fmt: skip
         if needs_memory or self._joined(brakes):
-            loop.run(*inputs, out, memory_rows)
+            loop.run(inputs, out, memory_rows)
         else:
             limbs.KEPT.run(inputs, self._limbs, out)
         return self._measured(out, pieces.rows, measures, change, memory_rows)

@@ -10,10 +10,10 @@ from collections.abc import Callable, Sequence
 from math import isfinite
 
 import numpy as np
-from numba import njit
 
 from loco_control.types import MotionCommand, TrunkTorque
 
+from ..jit import kernel
 from ..robot.robot import Robot
 from ..robot.servo import AVERAGED, EFFORT, IMPEDANCE, PERIOD, SERVO, TORQUE
 from ..robot.servo import COLUMNS as DRIVE_COLUMNS
@@ -34,10 +34,10 @@ from .spring_kernels import spring_energy, spring_torque
 
 COMMANDS = 4  # rows of a command: positions, velocities, torques, swinging
 
-MADE_OF = "2b46662d9927"  # of the called kernels, see tests/loco_sim/test_kernel_caches.py
+MADE_OF = "0d720177db26"  # of the called kernels, see tests/loco_sim/test_kernel_caches.py
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def drive_torques(
     state: np.ndarray,
     command: np.ndarray,
@@ -82,7 +82,7 @@ def drive_torques(
             tau[i] = on * clipped(row[1] * torque_command + row[2] - row[3] * dq, row[EFFORT])
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def add_springs(state, springs, tau):
     """Add the torques of springs and dampers parallel to the drives [N·m], in place.
 
@@ -97,21 +97,20 @@ def add_springs(state, springs, tau):
             tau[i] += spring_torque(state[i], state[n + i], springs[i])
 
 
-@njit(cache=True, error_model="numpy")
-def asked(state, command, drives, rotors, supply, on, dt, step):
-    """Duty cycle commanded by each servo, in [-1, 1], (n,), and speed of its rotor [rad/s], (n,).
+@kernel
+def asked(state, command, drives, rotors, supply, on, dt, step, result):
+    """Duty cycle commanded by each servo, in [-1, 1], and speed of its rotor [rad/s], in `result`.
 
-    Arguments as in `drive_torques`. Both are 0 for other drives and for drives that are off.
+    Both rows of `result`, (2, n), are 0 for other drives and for drives that are off. The other
+    arguments are as in `drive_torques`.
     """
-    n = len(drives)
-    result = np.zeros((2, n))
-    for i in range(n):
+    for i in range(len(drives)):
+        result[0, i] = result[1, i] = 0.0
         if drives[i, 0] == SERVO:
             setpoint = share(state[i], command[0, i], drives[i])
             sample = due(step, dt, drives[i, PERIOD])
             result[0, i] = supply * on * in_force(setpoint, drives[i], rotors[i], sample)
             result[1, i] = on * rotors[i, SPIN]
-    return result
 
 
 class Actuators:
@@ -224,8 +223,9 @@ class Actuators:
         drives, springs = held or (self._drives, self._springs)
         state[: len(tau)], state[len(tau) :] = q, dq
         if change:
-            power = self.supply, self.on, self.dt, self._step
-            drives = change(drives, *asked(state, self._command, drives, self._rotors, *power))
+            power, share = (self.supply, self.on, self.dt, self._step), np.empty((2, len(tau)))
+            asked(state, self._command, drives, self._rotors, *power, share)
+            drives = change(drives, *share)
         power = self.dt, self.supply, self.on
         drive_torques(state, self._command, drives, self._rotors, *power, tau, self._step)
         if given:

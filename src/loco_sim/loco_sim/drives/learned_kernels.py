@@ -9,14 +9,14 @@ from __future__ import annotations
 
 from math import tanh
 
-from numba import njit
+from ..jit import kernel
 
 REGION = 7  # number of constants before the weights
 SLOW = 0.02  # speed below which its sign is smoothed, share of the fitted speed (taste)
 FADE = 0.5  # width of the fade to zero outside of the region, in half ranges (taste)
 
 
-@njit(cache=True)
+@kernel
 def fade(x: float) -> float:
     """1 for |x| up to 1, 0 from `1 + FADE` on, and a smooth step between them."""
     excess = (abs(x) - 1.0) / FADE
@@ -25,7 +25,7 @@ def fade(x: float) -> float:
     return 0.0 if excess >= 1.0 else 1.0 - excess * excess * (3.0 - 2.0 * excess)
 
 
-@njit(cache=True)
+@kernel
 def learned_torque(q: float, dq: float, tau: float, late: float, row) -> float:
     """Torque that a learned correction adds to a joint [N·m, or N where it slides].
 

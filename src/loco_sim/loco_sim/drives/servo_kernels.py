@@ -4,8 +4,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
+from ..jit import inlined, kernel
 from ..robot.servo import (
     AVERAGED,
     EFFORT,
@@ -24,19 +24,19 @@ MEMORY = 6
 EARLY = 1e-6  # tolerance of the sampling instant against rounding, share of a period
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@inlined
 def rounded(x: float, step: float) -> float:
     """`x` rounded to the nearest multiple of `step`; unchanged for step 0."""
     return step * np.floor(x / step + 0.5) if step > 0.0 else x
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@inlined
 def clipped(x: float, limit: float) -> float:
     """`x` limited to [-limit, limit]."""
     return min(max(x, -limit), limit)
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@inlined
 def due(step: int, dt: float, period: float) -> bool:
     """Whether a drive samples at a physics step: the first at or after each period."""
     if period <= dt:
@@ -44,7 +44,7 @@ def due(step: int, dt: float, period: float) -> bool:
     return np.floor(step * dt / period + EARLY) > np.floor((step - 1) * dt / period + EARLY)
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@inlined
 def in_force(now: float, row: np.ndarray, memory: np.ndarray, sample: bool) -> float:
     """Active torque or duty cycle: the held value between samples, else the current or mean one.
 
@@ -61,7 +61,7 @@ def in_force(now: float, row: np.ndarray, memory: np.ndarray, sample: bool) -> f
     return memory[TOTAL] / memory[COUNT] if row[AVERAGED] > 0.0 and memory[COUNT] > 0.0 else now
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@inlined
 def hold(now: float, row: np.ndarray, memory: np.ndarray, sample: bool) -> float:
     """Return `in_force`, and store it for the next steps."""
     value = in_force(now, row, memory, sample)
@@ -73,7 +73,7 @@ def hold(now: float, row: np.ndarray, memory: np.ndarray, sample: bool) -> float
     return value
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@inlined
 def errors(
     q: float, target: float, speed: float, row: np.ndarray, swinging: bool
 ) -> tuple[float, float, float]:
@@ -83,7 +83,7 @@ def errors(
     return error, speed_target, row[4] if swinging else row[2]
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@inlined
 def integrate(
     tau: float, error: float, speed_error: float, row: np.ndarray, memory: np.ndarray, time: float
 ) -> None:
@@ -103,7 +103,7 @@ def integrate(
     memory[INTEGRAL] = clipped(memory[INTEGRAL] + time * rate, row[INTEGRAL_LIMIT])
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@inlined
 def impedance_torque(
     q: float,
     dq: float,
@@ -137,7 +137,7 @@ def impedance_torque(
     return clipped(tau, row[EFFORT])
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def impedance_laws(state, command, drives, memory, dt, on, law):
     """Coefficients of the torque of each continuous impedance as a function of joint velocity v.
 
@@ -166,13 +166,13 @@ def impedance_laws(state, command, drives, memory, dt, on, law):
             law[WANTED, i], law[GAIN, i], law[LIMIT, i] = on * torque, on * kd, row[EFFORT]
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@inlined
 def share(q: float, target: float, row: np.ndarray) -> float:
     """Duty cycle commanded by the position loop of a servo, in [-1, 1]."""
     return clipped(row[3] * (rounded(target, row[4]) - rounded(q, row[4])), 1.0)
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@inlined
 def scaled(row: np.ndarray, factor: float) -> None:
     """Scale the torque of a servo's motor, in place in its parameter row."""
     row[1] *= factor
@@ -180,13 +180,13 @@ def scaled(row: np.ndarray, factor: float) -> None:
     row[8] *= factor
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@inlined
 def given(row: np.ndarray, asked: float, speed: float) -> float:
     """Motor torque of a servo at a duty cycle and a rotor speed [N·m]."""
     return clipped(row[1] * asked - row[2] * speed, row[8])
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@inlined
 def servo_torque(
     q: float,
     dq: float,

@@ -6,12 +6,12 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 
+from ..jit import inlined
 from ..robot.spring import LINEAR, PRETENSION
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@inlined
 def spring_torque(q: float, dq: float, row: np.ndarray) -> float:
     """Torque of a joint's spring and damper [N·m, or N if prismatic].
 

@@ -13,11 +13,11 @@ from __future__ import annotations
 from math import cos, exp, sin, tanh
 
 import numpy as np
-from numba import njit
 
 from ..drives.learned_kernels import learned_torque
 from ..drives.servo_kernels import due, given, scaled
 from ..drives.spring_kernels import spring_torque
+from ..jit import kernel
 from .rows import (
     BACKLASH,
     COMPENSATION,
@@ -43,14 +43,14 @@ from .rows import (
     WAVE,
 )
 
-MADE_OF = "33ba153460f2"  # of the called kernels, see tests/loco_sim/test_kernel_caches.py
+MADE_OF = "86f018a79a56"  # of the called kernels, see tests/loco_sim/test_kernel_caches.py
 
 REST = 1e-5  # speed below which a joint is at rest, above numerical noise [rad/s] (taste)
 OF_DRIVE, OF_JOINT = np.array([True, False])  # of `torques`; numba compiles for each literal anew
 SPRING_AT = 2  # index of the first spring constant (`spring.SpringParams.row`) among the constants
 
 
-@njit(cache=True)
+@kernel
 def copy_rows(values, to):
     """Write `values`, (n, m), into `to`; numba takes seconds to compile it as a slice."""
     for i in range(values.shape[0]):
@@ -58,7 +58,7 @@ def copy_rows(values, to):
             to[i, k] = values[i, k]
 
 
-@njit(cache=True)
+@kernel
 def gain(first, last, joint, const, memory, tau, q, dq, dt):
     """Law tau <- (1 + error) tau; const: error."""
     for r in range(first, last):
@@ -66,7 +66,7 @@ def gain(first, last, joint, const, memory, tau, q, dq, dt):
             tau[joint[r]] *= 1.0 + const[r, 0]
 
 
-@njit(cache=True)
+@kernel
 def motor_gain(first, last, joint, const, rows):
     """Law `gain` on motors."""
     for r in range(first, last):
@@ -74,7 +74,7 @@ def motor_gain(first, last, joint, const, rows):
             scaled(rows[joint[r]], 1.0 + const[r, 0])
 
 
-@njit(cache=True)
+@kernel
 def delay(first, last, joint, const, memory, line, tau):
     """tau(t) <- tau(t - delay); const: delay in steps, start of its delay line.
 
@@ -95,7 +95,7 @@ def delay(first, last, joint, const, memory, line, tau):
         memory[r, 1] = place + 1 if place + 1 < steps else 0
 
 
-@njit(cache=True)
+@kernel
 def lag(first, last, joint, const, memory, tau, q, dq, dt):
     """T dy/dt = tau - y, tau <- mean of y over the step; memory: started, y at its end.
 
@@ -110,7 +110,7 @@ def lag(first, last, joint, const, memory, tau, q, dq, dt):
         tau[j] = target + const[r, 1] * lead
 
 
-@njit(cache=True)
+@kernel
 def limit(first, last, joint, const, memory, tau, q, dq, dt):
     """|tau| <= limit; const: limit."""
     for r in range(first, last):
@@ -119,7 +119,7 @@ def limit(first, last, joint, const, memory, tau, q, dq, dt):
             tau[j] = min(max(tau[j], -const[r, 0]), const[r, 0])
 
 
-@njit(cache=True)
+@kernel
 def motor_limit(first, last, joint, const, rows):
     """Law `limit` on motors."""
     for r in range(first, last):
@@ -127,7 +127,7 @@ def motor_limit(first, last, joint, const, rows):
             rows[joint[r], 8] = min(rows[joint[r], 8], const[r, 0])
 
 
-@njit(cache=True)
+@kernel
 def speed_line(first, last, joint, const, memory, tau, q, dq, dt):
     """|tau| <= stall (1 - slope |dq|) if tau dq > 0; const: stall, slope."""
     for r in range(first, last):
@@ -137,7 +137,7 @@ def speed_line(first, last, joint, const, memory, tau, q, dq, dt):
             tau[j] = min(max(tau[j], -bound), bound)
 
 
-@njit(cache=True)
+@kernel
 def motor_line(first, last, joint, const, rows, asked, speed):
     """Law `speed_line` on motors, at their speed."""
     for r in range(first, last):
@@ -147,7 +147,7 @@ def motor_line(first, last, joint, const, rows, asked, speed):
             rows[j, 8] = min(rows[j, 8], bound)
 
 
-@njit(cache=True)
+@kernel
 def sag(first, last, joint, const, memory, tau, q, dq, dt):
     """Law tau <- tau (1 - sag mean |tau| / stall); const: stall, sag."""
     load = 0.0
@@ -160,7 +160,7 @@ def sag(first, last, joint, const, memory, tau, q, dq, dt):
             tau[joint[r]] *= max(0.0, 1.0 - const[r, 1] * load)
 
 
-@njit(cache=True)
+@kernel
 def motor_sag(first, last, joint, const, rows, asked, speed):
     """Law `sag` on motors; the load of drives without a rotor does not count."""
     load = 0.0
@@ -174,7 +174,7 @@ def motor_sag(first, last, joint, const, rows, asked, speed):
             scaled(rows[joint[r]], max(0.0, 1.0 - const[r, 1] * load))
 
 
-@njit(cache=True)
+@kernel
 def backlash(first, last, joint, const, memory, tau, q, dq, dt):
     """Torque is transmitted only while the motor touches an end of the play.
 
@@ -197,7 +197,7 @@ def backlash(first, last, joint, const, memory, tau, q, dq, dt):
         memory[r, 1], memory[r, 2] = gap, speed
 
 
-@njit(cache=True)
+@kernel
 def series(first, last, joint, const, memory, tau, q, dq, dt):
     """A spring between motor and joint; the motor equation is solved implicitly.
 
@@ -215,7 +215,7 @@ def series(first, last, joint, const, memory, tau, q, dq, dt):
         tau[j] = memory[r, 2] / c + d * memory[r, 3]
 
 
-@njit(cache=True)
+@kernel
 def hold(first, last, joint, const, memory, tau, step, dt):
     """Law tau <- tau of the last sample; const: period. memory: started, tau."""
     for r in range(first, last):
@@ -224,7 +224,7 @@ def hold(first, last, joint, const, memory, tau, step, dt):
         tau[joint[r]] = memory[r, 1]
 
 
-@njit(cache=True)
+@kernel
 def spring(first, last, joint, const, memory, tau, q, dq, dt):
     """Law tau <- tau - k x - k3 x^3, x = q - rest; const: rest, k, k3."""
     for r in range(first, last):
@@ -232,7 +232,7 @@ def spring(first, last, joint, const, memory, tau, q, dq, dt):
         tau[joint[r]] -= (const[r, 1] + const[r, 2] * x * x) * x
 
 
-@njit(cache=True)
+@kernel
 def saturation(first, last, joint, const, memory, tau, q, dq, dt):
     """Spring torque beyond `level` is reduced to a share; const: level, share, spring."""
     for r in range(first, last):
@@ -244,7 +244,7 @@ def saturation(first, last, joint, const, memory, tau, q, dq, dt):
             tau[j] -= lost if had > 0.0 else -lost
 
 
-@njit(cache=True)
+@kernel
 def rescaled(first, last, joint, const, memory, tau, q, dq, dt):
     """A spring's torque s becomes (1 + error) s; const: error, unused, spring."""
     for r in range(first, last):
@@ -252,7 +252,7 @@ def rescaled(first, last, joint, const, memory, tau, q, dq, dt):
         tau[j] += const[r, 0] * spring_torque(q[j], 0.0, const[r, SPRING_AT:])
 
 
-@njit(cache=True)
+@kernel
 def shifted(first, last, joint, const, memory, tau, q, dq, dt):
     """A spring's torque s(q) becomes s(q - offset); const: offset, unused, spring."""
     for r in range(first, last):
@@ -261,7 +261,7 @@ def shifted(first, last, joint, const, memory, tau, q, dq, dt):
         tau[j] += spring_torque(q[j] - const[r, 0], 0.0, row) - spring_torque(q[j], 0.0, row)
 
 
-@njit(cache=True)
+@kernel
 def end_stop(first, last, joint, const, memory, tau, q, dq, dt):
     """A spring and damper that only push, beyond an angle; const: angle, side, k, d."""
     for r in range(first, last):
@@ -272,7 +272,7 @@ def end_stop(first, last, joint, const, memory, tau, q, dq, dt):
             tau[j] -= side * max(0.0, push)
 
 
-@njit(cache=True)
+@kernel
 def hysteresis(first, last, joint, const, memory, tau, q, dq, dt):
     """Law stroke dz/dt = dq - |dq| z, tau <- tau - T z; const: T, stroke. memory: z."""
     for r in range(first, last):
@@ -283,7 +283,7 @@ def hysteresis(first, last, joint, const, memory, tau, q, dq, dt):
         tau[j] -= const[r, 0] * memory[r, 0]
 
 
-@njit(cache=True)
+@kernel
 def maxwell(first, last, joint, const, memory, tau, q, dq, dt):
     """dz/dt = dq - z / T, tau <- tau - k z; const: k, exp(-dt / T), T. memory: z."""
     for r in range(first, last):
@@ -292,7 +292,7 @@ def maxwell(first, last, joint, const, memory, tau, q, dq, dt):
         tau[j] -= const[r, 0] * memory[r, 0]
 
 
-@njit(cache=True)
+@kernel
 def learned(first, last, joint, const, memory, tau, q, dq, dt):
     """Law `learned_kernels.learned_torque`; const[6]: exp(-dt / T). memory: started, lagged tau."""
     for r in range(first, last):
@@ -302,7 +302,7 @@ def learned(first, last, joint, const, memory, tau, q, dq, dt):
         tau[j] += learned_torque(q[j], dq[j], tau[j], late, const[r])
 
 
-@njit(cache=True)
+@kernel
 def wave(first, last, joint, const, memory, tau, q, dq, dt):
     """Law tau <- tau + sine sin(count q) + cosine cos(count q); const: sine, count, cosine."""
     for r in range(first, last):
@@ -311,7 +311,7 @@ def wave(first, last, joint, const, memory, tau, q, dq, dt):
         tau[j] += const[r, 0] * sin(at) + const[r, 2] * cos(at)
 
 
-@njit(cache=True)
+@kernel
 def coupled(first, last, joint, const, memory, tau, q, dq, dt):
     """Law `hysteresis`, and damping, of the summed speeds of two joints, acting on both.
 
@@ -328,7 +328,7 @@ def coupled(first, last, joint, const, memory, tau, q, dq, dt):
         tau[other] -= drag
 
 
-@njit(cache=True)
+@kernel
 def compensation(first, last, joint, const, memory, tau, q, dq, dt):
     """Law tau <- tau + T tanh(dq / v) + damping dq; const: T, v, damping."""
     for r in range(first, last):
@@ -336,7 +336,7 @@ def compensation(first, last, joint, const, memory, tau, q, dq, dt):
         tau[joint[r]] += const[r, 0] * tanh(speed / const[r, 1]) + const[r, 2] * speed
 
 
-@njit(cache=True)
+@kernel
 def friction(first, last, joint, const, budget, tau, dq):
     """Budget + dry + extra exp(-(dq / v)^2) + viscous |dq| + share |tau|.
 
@@ -354,7 +354,7 @@ def friction(first, last, joint, const, budget, tau, dq):
         budget[j] += resistance
 
 
-@njit(cache=True)
+@kernel
 def torques(of_drives, step, dt, laws, tau, q, dq):
     """Run the torque laws of a chain in sequence, in place; dispatches on the number of the law.
 
@@ -415,7 +415,7 @@ def torques(of_drives, step, dt, laws, tau, q, dq):
             learned(a, b, joint, const, memory, tau, q, dq, dt)
 
 
-@njit(cache=True)
+@kernel
 def motors(step, plan, joint, const, rows, asked, speed):
     """Run the motor laws of a chain in sequence, changing the parameter rows of servos in place.
 
@@ -442,7 +442,7 @@ def motors(step, plan, joint, const, rows, asked, speed):
             motor_sag(a, b, joint, const, rows, asked, speed)
 
 
-@njit(cache=True)
+@kernel
 def budgets(step, plan, joint, const, budget, tau, dq):
     """Add the torques of friction laws in place; arguments as in `torques` and `motors`."""
     for k in range(plan.shape[0]):
@@ -450,7 +450,7 @@ def budgets(step, plan, joint, const, budget, tau, dq):
             friction(plan[k, 1], plan[k, 2], joint, const, budget, tau, dq)
 
 
-@njit(cache=True)
+@kernel
 def bend(step, plan, joint, memory, command):
     """Commands relative to motors with series springs: see `reading_laws.move_back`."""
     for k in range(plan.shape[0]):

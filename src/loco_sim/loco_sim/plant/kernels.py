@@ -16,7 +16,7 @@ from ..effects.laws import OF_DRIVE, OF_JOINT, bend, budgets, copy_rows, motors,
 from ..world.hinges import torque as hinge_torque
 from .sensing import BASE
 
-MADE_OF = "c18c3ef03d7c"  # of the kernels called here: see tests/loco_sim/test_kernel_caches.py
+MADE_OF = "191ad156a258"  # of the kernels called here: see tests/loco_sim/test_kernel_caches.py
 
 
 @intrinsic
@@ -57,6 +57,7 @@ def run(engine, drives, acting, told, first, dt, memories, out):
     steps, event = len(which) // rows, 0
     state, command = np.empty(2 * n), np.empty((COMMANDS, n))
     tau, budget, motor, drive_tau = np.empty(n), np.zeros(n), drive_rows.copy(), np.empty(n)
+    share = np.empty((2, n))
     look(engine, out[0])
     if len(memories):
         copy_rows(memory, memories[0])
@@ -73,7 +74,7 @@ def run(engine, drives, acting, told, first, dt, memories, out):
             bend(step, plan, joint, memory, command)
             if acting.weakens:
                 copy_rows(drive_rows, motor)
-                share = asked(state, command, drive_rows, rotors, supply, on, dt, step)
+                asked(state, command, drive_rows, rotors, supply, on, dt, step, share)
                 motors(step, plan, joint, const, motor, share[0], share[1])
             drive_torques(state, command, motor, rotors, dt, supply, on, tau, step)
             if len(plan):

@@ -9,7 +9,8 @@ row to solve for each.
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
+
+from ..jit import inlined
 
 MARGIN = 4.0  # fast joint: speed above this multiple of what friction can stop in one step
 
@@ -24,19 +25,19 @@ def stopped_per_torque(inertia: np.ndarray, dt: float) -> np.ndarray:
     return MARGIN * dt * np.diag(np.linalg.inv(inertia))
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
-def split(budget, dq, slow):
-    """Braking torque for the engine's constraints, and torque to apply [N·m], both (n,).
+@inlined
+def split(budget, dq, slow, both):
+    """Divide friction into braking torques of the engine's constraints and torques to apply.
 
     Args:
         budget: Friction torque of each joint [N·m], (n,).
         dq: Joint velocities [rad/s], (n,).
         slow: Values of `stopped_per_torque`, (n,).
+        both: Result: braking torques of the constraints, then torques to apply [N·m], (2, n).
     """
-    motor, drag = np.zeros(len(budget)), np.zeros(len(budget))
     for j in range(len(budget)):
+        both[0, j] = both[1, j] = 0.0
         if abs(dq[j]) <= slow[j] * budget[j]:
-            motor[j] = budget[j]
+            both[0, j] = budget[j]
         else:
-            drag[j] = -budget[j] if dq[j] > 0.0 else budget[j]
-    return motor, drag
+            both[1, j] = -budget[j] if dq[j] > 0.0 else budget[j]

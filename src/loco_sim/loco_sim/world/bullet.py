@@ -311,8 +311,9 @@ class World(world.World):
             self._slow = braking.stopped_per_torque(inertia, self.dt)
             # Otherwise iterations end early and braked joints creep.
             self._client.setPhysicsEngineParameter(solverResidualThreshold=1e-10)
-        motor, drag = braking.split(budget, dq, self._slow)
-        self._drag, motor = drag.tolist(), motor.tolist()
+        both = np.empty((2, len(budget)))
+        braking.split(budget, dq, self._slow, both)
+        motor, self._drag = both.tolist()
         if motor != self._motor:
             self._motor = motor
             self._client.setJointMotorControlArray(
