@@ -95,12 +95,25 @@ def test_noise_and_rounding_of_readings_do_not_change_it():
 def test_a_torque_that_follows_from_the_velocity_is_judged_in_pieces(model):
     record = swung()
     speed = np.gradient(record.signals["q"][:, 0], DT)[:, None]
-    fed = replace(record, command={"torque": 0.3 * np.tanh(4.0 * speed)})
+    fed = replace(record, command={"torque": 0.1 * np.tanh(4.0 * speed)})
     (mine,), (own,) = (led.measured(Forward(model, [r])) for r in (fed, record))
     assert mine.fed_back > led.FED_BACK > own.fed_back
     forward = led.forward(model, [fed])
     assert forward.how == Forward.how
     assert forward.params.window == led.forward(PENDULUM, [fed]).params.window in led.WINDOWS
+
+
+def test_a_torque_that_friction_takes_at_low_speed_is_compared_along_the_motion():
+    """Speed explains it as it does that of a controller, but no inertia takes as much."""
+    t = 0.0193 * np.arange(3000)
+    turned = 0.2 * np.sin(0.4 * t)
+    torque = 0.3 * np.sign(np.cos(0.4 * t)) + 0.02 * np.sin(1.3 * t)
+    motion = {"q": turned[:, None]}
+    slow = Record("slow", t, {"torque": torque[:, None]}, ("pivot",), motion, ("pivot",))
+    level = Model("pendulum", {"sim.gravity": 0.0})
+    (said,) = led.measured(Forward(level, [slow]))
+    assert said.fed_back > led.FED_BACK
+    assert led.forward(level, [slow]).how == led.Led.how
 
 
 @pytest.mark.parametrize(("damping", "gravity"), [(0.02, 9.81), (0.05, 9.81), (0.004, 0.0)])

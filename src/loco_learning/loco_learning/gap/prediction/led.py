@@ -43,6 +43,9 @@ FORGOTTEN = 3.0  # time constants after which an initial state has decayed to 1/
 # Share of the torque of every joint that its velocity explains, from which on there is feedback:
 # friction explains 0.98 of a light wrist and 0.46 of the arm's shoulder (taste).
 FED_BACK = 0.7
+# Torque of the inertia of every joint over that of its drive, from which on a body swings: 2.2 of a
+# pendulum whose controller pumps it, 0.2 of an arm at low speed, where friction takes the torque.
+SWINGS = 1.0
 WINDOWS = (2.0, 1.0, 0.5, 0.25)  # lengths of pieces [s] (taste)
 CHANGED = 4.0  # length of a piece over the time scale of the motion (docs/gap_measured.md)
 _, SUBSTEPS = limits(SimParams, "max_substeps")
@@ -61,14 +64,14 @@ def forward(
     It simulates whole records if initial states decay within a record, and otherwise computes
     torques along the motion. If a controller computed the torque from the velocity, so that
     friction would explain all of it, it simulates pieces that start in the measured state. The
-    choice depends on the commands and measurements only, never on the model, so that all models are
-    compared alike.
+    choice depends on commands, measurements and the inertia of the given model, never on what is
+    tried, so that all models are compared alike.
     """
     plain = Forward(model, records, params)
     if plain.params.window or not possible(plain):
         return plain
     said = measured(plain)
-    if min(joint.fed_back for joint in said) >= FED_BACK:
+    if min(joint.fed_back for joint in said) >= FED_BACK and np.min(swings(plain)) >= SWINGS:
         longest = CHANGED * min(joint.time for joint in said)
         window = next((w for w in WINDOWS if w <= longest), WINDOWS[-1])
         return Forward(model, records, plain.params.replace(window=window))
@@ -92,6 +95,20 @@ def measured(forward: Forward) -> list[Free]:
             motions.append((q[rows], torque[rows], record.dt))
         found.append(free(motions))
     return found
+
+
+def swings(forward: Forward) -> np.ndarray:
+    """Torque that the inertia of each joint takes, over that of its drive, in all records, (n,)."""
+    taken, given = [], []
+    for record in forward.records:
+        robot = _made(forward.model, record)
+        q = bridged(record.read_of(robot, "q"))
+        rows = np.isfinite(q).all(axis=1)
+        inertia = _inertia(record, robot, np.zeros(len(robot.joints)))
+        torque = _acting(record, robot)[:, np.argsort(robot.driven)]
+        taken.append(np.var(inertia * smoothed(q[rows], record.dt, order=2), axis=0))
+        given.append(np.var(torque[rows], axis=0))
+    return np.sqrt(np.sum(taken, axis=0) / np.maximum(np.sum(given, axis=0), 1e-300))
 
 
 def possible(forward: Forward) -> bool:
