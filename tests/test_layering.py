@@ -50,7 +50,7 @@ DOORS = {
     Path("loco_sim/world/mujoco_model.py"): {"mujoco"},
     Path("loco_sim/world/mjcf.py"): {"mujoco"},
     Path("loco_learning/reinforce/environment.py"): {"gymnasium"},
-    Path("loco_learning/reinforce/ppo.py"): {"stable_baselines3", "torch"},
+    Path("loco_workshop/ppo.py"): {"stable_baselines3", "torch"},
     # The blind battery must not make its robots with the code that is judged on them.
     Path("loco_workshop/battery/physics/engine.py"): {"mujoco", "llvmlite"},
     Path("loco_workshop/battery/ground/plant.py"): {"pybullet"},

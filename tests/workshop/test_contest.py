@@ -31,7 +31,7 @@ def folder(params, tmp_path_factory):
     folder = tmp_path_factory.mktemp("contest")
     with pytest.MonkeyPatch.context() as patch:  # an extra, too slow to be tried here
         patch.setitem(sys.modules, "stable_baselines3", None)
-        patch.delitem(sys.modules, "loco_learning.reinforce.ppo", raising=False)
+        patch.delitem(sys.modules, "loco_workshop.ppo", raising=False)
         heard = []
         cases = contest.run(params, folder, 0, lambda *news: heard.append(news))
     assert [news[1:] for news in heard] == [(k, 4) for k in (1, 2, 3, 4)]

@@ -65,7 +65,7 @@ def test_every_command_has_help_and_a_function(run, name):
     try:
         assert callable(load(COMMANDS[name].run))
     except MissingPackageError:  # an extra that is not in the default set-up
-        assert name in ("view", "view --foxglove", "reinforce ppo")
+        assert name in ("view", "view --foxglove")
 
 
 @pytest.mark.parametrize(

@@ -3,8 +3,6 @@
 
 from __future__ import annotations
 
-import sys
-
 import pytest
 
 from loco_bringup.bag.reader import Bag
@@ -88,15 +86,6 @@ def test_another_beginning_is_not_gone_on_with(folder, capsys):
     assert "began with another readout; choose another --out" in capsys.readouterr().err
     assert run(*QUICK, "--seed", 1, "--out", folder) == 2
     assert "seed is 0 there, 1 here" in capsys.readouterr().err
-
-
-def test_without_stable_baselines_one_line_says_what_to_install(monkeypatch, tmp_path, capsys):
-    monkeypatch.setitem(sys.modules, "stable_baselines3", None)
-    for name in ("loco_bringup.reinforce.ppo", "loco_learning.reinforce.ppo"):
-        monkeypatch.delitem(sys.modules, name, raising=False)
-    assert run("ppo", *SMALL, "--out", tmp_path) == 2
-    said = capsys.readouterr().err.strip().splitlines()
-    assert len(said) == 1 and "stable_baselines3 is not installed; it comes with" in said[0]
 
 
 @pytest.mark.ros

@@ -191,7 +191,7 @@ def _steps(p: ContestParams, place: Path, method: str, seed: int) -> tuple[Exper
 
 
 def _ppo(p: ContestParams, place: Path, method: str, seed: int) -> tuple[Experiment, float]:
-    from loco_learning.reinforce.ppo import learn_by_ppo  # optional dependency
+    from .ppo import learn_by_ppo  # optional dependency
 
     # The robot stands until the delay line is full, without a gait.
     reflex = load(p.reflex, {"seed": seed})

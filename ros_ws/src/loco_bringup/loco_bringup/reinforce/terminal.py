@@ -27,7 +27,7 @@ from . import page
 
 def run(a: argparse.Namespace) -> int:
     """`loco reinforce`: improve a readout; returns the exit code."""
-    experiment = loaded(a)
+    experiment = checked(load(a.experiment, overrides(a.set, None, a.engine)))
     keys = ("seed", "seconds", "lead", "episode", "batch", "exploration", "step", "push")
     params = ReinforceParams(randomise=a.randomise, **{key: getattr(a, key) for key in keys})
     updates, seconds = learn.cost_of(experiment, params)
@@ -57,11 +57,6 @@ def run(a: argparse.Namespace) -> int:
     for path in paths:
         console.print(f"  {path}")
     return 0
-
-
-def loaded(a: argparse.Namespace) -> Experiment:
-    """Experiment of a command line; raises an error if its readout cannot be reinforced."""
-    return checked(load(a.experiment, overrides(a.set, None, a.engine)))
 
 
 def begin(experiment: Experiment, folder: Path, weights: Path | None, zero: bool) -> None:

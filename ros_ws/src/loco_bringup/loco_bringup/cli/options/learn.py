@@ -76,26 +76,6 @@ def reinforce(p: ArgumentParser) -> None:
     towards a higher reward for speed, low power and no fall. Writes weights.npz, reinforced.yaml
     for `loco run`, and a page. A stopped run continues with the same command, to the same result.
     """
-    _episodes(p)
-    option(p, "--batch", 12, "perturbed episodes per update")
-    option(p, "--exploration", 0.03, "rms of a perturbation at the joints [rad]", "RAD")
-    option(p, "--step", 1.0, "learning rate, in perturbations")
-    option(p, "--push", 0.0, "random pushes while it learns, e.g. 0.1 of the weight", "SHARE")
-    option(p, "--randomise", 0.0, "spread of stiffness, friction and masses, e.g. 0.1", "SHARE")
-    option(p, "--workers", 2, "processes (default 2)")
-
-
-@command("reinforce ppo", "reinforce.ppo:run", "the same readout by PPO of stable-baselines3")
-def reinforce_ppo(p: ArgumentParser) -> None:
-    """Options of `loco reinforce ppo`.
-
-    Needs `./loco install ppo` (stable-baselines3 and PyTorch).
-    """
-    _episodes(p)
-
-
-def _episodes(p: ArgumentParser) -> None:
-    """Options that both methods to reinforce a readout share."""
     engine(p)
     p.add_argument("experiment", help="one with a reflex network, e.g. tigrillo_bound_reflex")
     option(
@@ -109,7 +89,13 @@ def _episodes(p: ArgumentParser) -> None:
     option(p, "--set", list, "override one value of the experiment (repeatable)", "KEY=VALUE")
     option(p, "--trials", 4, "trials of each condition before and after, 0 for none")
     option(p, "--test", 60.0, "length of the run that reinforced.yaml describes [s]")
-    add_out(p, "folder (default results/NAME_reinforce or _ppo)")
+    option(p, "--batch", 12, "perturbed episodes per update")
+    option(p, "--exploration", 0.03, "rms of a perturbation at the joints [rad]", "RAD")
+    option(p, "--step", 1.0, "learning rate, in perturbations")
+    option(p, "--push", 0.0, "random pushes while it learns, e.g. 0.1 of the weight", "SHARE")
+    option(p, "--randomise", 0.0, "spread of stiffness, friction and masses, e.g. 0.1", "SHARE")
+    option(p, "--workers", 2, "processes (default 2)")
+    add_out(p, "folder (default results/NAME_reinforce)")
 
 
 @command("reproduce", "reproduce.terminal:run",

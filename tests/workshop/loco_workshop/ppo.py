@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""PPO of stable-baselines3 on the same readout, as an adapter.
+"""PPO of stable-baselines3 on the readout of a reflex, for `loco reinforce contest`.
 
 Its policy is linear in the hidden activity and has no bias, so that the learned policy is a
 readout. It also explores by perturbing the readout (gSDE), with a new draw every
@@ -15,12 +15,11 @@ from typing import Any
 import numpy as np
 
 from loco_control.exceptions import MissingPackageError, ParameterError
-
-from ..reflex import weights as weight_files
-from ..runs.experiment import Experiment
-from .environment import ReflexEnv
-from .episode import kind
-from .params import ReinforceParams
+from loco_learning.reflex import weights as weight_files
+from loco_learning.reinforce.environment import ReflexEnv
+from loco_learning.reinforce.episode import kind
+from loco_learning.reinforce.params import ReinforceParams
+from loco_learning.runs.experiment import Experiment
 
 try:
     import stable_baselines3
