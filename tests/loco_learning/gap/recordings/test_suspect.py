@@ -10,6 +10,8 @@ import pytest
 from loco_control.exceptions import ParameterError
 from loco_learning.gap.recordings import align, importing, lags, mapping, suspect
 from loco_learning.gap.recordings.tracks import Track
+from loco_sim.robot.servo import TorqueDrive
+from loco_sim.robot.spring import SpringParams
 
 DEGREE = 180.0 / np.pi
 
@@ -158,6 +160,25 @@ def test_measured_torque_in_another_unit(signals, one_joint, torque_drive, chang
     torque = next(k for k in tracks if k.role == "command_torque")
     tracks.append(change(torque, role="tau", x=factor * torque.x, source="column 'i'"))
     suspected(tracks, one_joint(drive=torque_drive), said)
+
+
+@pytest.mark.parametrize("sprung", [False, True])
+def test_a_drive_that_is_told_voltages_has_the_torque_of_its_gains(
+    signals, one_joint, change, sprung
+):
+    """A torque sensor reads the spring of the joint too, which holds the motor back."""
+    drive, spring = TorqueDrive(gain=0.05, slope=0.002), SpringParams("linear", 0.4, 0.0, rest=0.0)
+    robot = one_joint(drive=drive)
+    robot = replace(robot, springs={"hinge": spring}) if sprung else robot
+    tracks = [change(k, role=k.role.replace("position", "torque")) for k in signals()]
+    told = next(k for k in tracks if k.role == "command_torque")
+    told = change(told, x=20.0 * told.x)
+    by = {k.role: k.x for k in tracks}
+    made = 0.05 * told.x - 0.002 * by["dq"] - (0.4 * by["q"] if sprung else 0.0)
+    tau = change(told, role="tau", x=made)
+    tracks = [k for k in tracks if k.role != "command_torque"]
+    align.record("run", [*tracks, told, tau], robot)
+    suspected([*tracks, told, tau], one_joint(drive=TorqueDrive()), "a current in A")
 
 
 def test_torque_far_above_the_limit(signals, hinge, change):

@@ -54,6 +54,19 @@ def test_nothing_hidden_is_nothing_to_the_search_as_its_step_shrinks(number, tmp
     assert np.all(rms < 1.0 + 0.1 * of_step), (machine.drive, rms)
 
 
+def test_the_integration_of_the_generator_is_exact_to_a_part_of_the_noise():
+    """An encoder of a fine step would else tell an error of the generator as a gap."""
+    machine = fleet.get("drawn3_118120009")
+    record = min(machine.records, key=lambda r: r.seconds)
+    moved = excitation.command(machine, record.name, 1)
+    here, finer = (
+        plant.truth(machine.with_steps(by * machine.steps), (), moved)[:2] for by in (1, 4)
+    )
+    a, b = (seen[:: round(1.0 / (machine.rate * t[1]))] for t, seen in (here, finer))
+    noise = np.array([np.hypot(s.noise, s.step / np.sqrt(12.0)) for s in machine.sensors])
+    assert np.all(np.sqrt(np.mean((a - b) ** 2, axis=0)) < 1.2 * fleet.INEXACT * noise)
+
+
 def test_all_kinds_of_drive_are_drawn():
     assert {number: fleet.get(f"drawn_{number}").drive for number in SHOWN} == SHOWN
     assert {kind.removesuffix(" held") for kind in SHOWN.values()} == set(drives.KINDS)

@@ -409,12 +409,12 @@ def start(record: Record, robot: Robot) -> list[Start]:
     """
     q, standing = record.joints_of(robot, "q"), robot.standing
     at, speed = windows.first_state(record, robot)
-    known = np.isfinite(q[0]) & np.isfinite(at)
+    known = np.isfinite(q).any(axis=0) & np.isfinite(at)
     if not known.any():
         return []
     said = record.joints_of(robot, "dq")[0]  # 0 for a robot that starts to move at this sample
     slow = np.abs(np.where(np.isfinite(said), said, speed)) < STILL
-    near = np.abs(q[0] - standing) < _home(record, robot, q) + 2.0 * record.step("q")
+    near = np.abs(bridged(q)[0] - standing) < _home(record, robot, q) + 2.0 * record.step("q")
     if np.all((slow & near) | ~known):
         return []
     moving = np.where(known, at, standing), np.where(known, speed, 0.0)

@@ -17,20 +17,17 @@ from loco_control.exceptions import ParameterError
 from loco_sim.robot.robot import Robot
 
 from . import checks, lags, observe, suspect
-from .clocks import cuts, series, slow, steady
+from .clocks import cuts, series, slow, steady, ticks
 from .clocks.params import CUTS
 from .record import COMMANDS, FIT, INPUTS, JOINT_SIGNALS, WIDTHS, Doubt, Record
 from .tracks import AXES, Track, followed, mended
 
-SPARSE = 1.5  # a signal with at least this many ticks per sample is not interpolated
 ROUND = 2e-3  # a rate this close to that of the robot, or to a multiple of 10, is set to it
 FINE_STEP = 2e-4  # [s] simulations with longer steps get a note on their error
 STEPS = (
     "recorded from a simulation in steps of {:g} ms, whose error counts as noise: smaller effects "
     "show with --set sim.physics_rate=8000"
 )
-MOSTLY = 0.5  # share of ticks with a reading above which the other ticks lost theirs
-EVEN = 1e-3  # distance from the axis up to which time stamps are on it [periods]
 
 
 def records(name: str, tracks: Sequence[Track], robot: Robot, **about: Any) -> list[Record]:
@@ -69,9 +66,7 @@ def record(
     """Align the signals of one experiment.
 
     A command holds from its time stamp on, unless its track is linear between samples or
-    undersampled (`slow`); a measured value is interpolated between its neighbours, not across gaps.
-    A signal that is slower than the axis is assigned to the ticks closest to its time stamps and is
-    NaN between them.
+    undersampled (`slow`); readings come to the even times as in `ticks.sample`.
 
     Args:
         name: Name of the record, for messages.
@@ -108,7 +103,7 @@ def record(
     own = rate or _rate(tracks, robot)
     sparse = [] if rate else slow.undersampled(tracks, own, robot)
     rate = slow.multiple(own, robot) if sparse else own
-    axis = _axis(tracks, start, end, rate)
+    axis = ticks.axis(tracks, start, end, rate)
     checks.long_enough(name, axis)
     data = _fill(name, tracks, robot, axis)
     if sparse:
@@ -198,29 +193,17 @@ def _overlap(name: str, tracks: Sequence[Track]) -> tuple[float, float]:
     return start, end
 
 
-def period(t: np.ndarray) -> float:
-    """Typical time between time stamps [s]: the mean without gaps."""
-    step = np.diff(t)
-    usual = step[step <= CUTS.silence * np.median(step)]
-    return float(np.mean(usual))
-
-
 def _rate(tracks: Sequence[Track], robot: Robot) -> float:
     """The higher of the rates of angles and commands; rounded where time stamps jitter."""
-    finest = min((k for k in tracks if _needed(k) and len(k.t) > 1), key=lambda k: period(k.t))
-    rate, step = 1.0 / period(finest.t), np.diff(finest.t)
+    finest = min(
+        (k for k in tracks if _needed(k) and len(k.t) > 1), key=lambda k: ticks.period(k.t)
+    )
+    rate, step = 1.0 / ticks.period(finest.t), np.diff(finest.t)
     even = float(np.ptp(step)) < 1e-6 * float(np.median(step)) + 2e-9
     for meant in (robot.control_rate, 10.0 * round(0.1 * rate)):
         if meant > 0.0 and abs(rate - meant) < (1e-6 if even else ROUND) * rate:
             return meant
     return rate
-
-
-def _axis(tracks: Sequence[Track], start: float, end: float, rate: float) -> np.ndarray:
-    """Even times [s], from the first angle within the common time span."""
-    stamps = next(k.t for k in tracks if k.role == "q")
-    first = stamps[min(np.searchsorted(stamps, start - 1e-9), len(stamps) - 1)]
-    return first + np.arange(max(int((end - first) * rate + 1e-6) + 1, 0)) / rate
 
 
 def _fill(
@@ -234,27 +217,27 @@ def _fill(
     by = {(k.role, k.place): k for k in tracks}
     data: dict[str, dict | tuple] = {"joints": joints, "driven": driven, "feet": feet}
     data["command"] = {
-        kind: _columns(by, f"command_{kind}", driven, axis, hold, 0.0)
+        kind: _columns(by, f"command_{kind}", driven, axis, ticks.hold, 0.0)
         for kind in COMMANDS
         if any(role == f"command_{kind}" for role, _ in by)
     }
     lines = {k.role for k in tracks if k.between == "line"}
     data["ramps"] = tuple(kind for kind in data["command"] if f"command_{kind}" in lines)
     data["inputs"] = {
-        kind: _columns(by, kind, ("",), axis, hold, 1.0)[:, 0]
+        kind: _columns(by, kind, ("",), axis, ticks.hold, 1.0)[:, 0]
         for kind in INPUTS
         if (kind, "") in by
     }
     data["stance"] = {
-        foot: hold(by["stance", foot], axis) for foot in robot.feet if ("stance", foot) in by
+        foot: ticks.hold(by["stance", foot], axis) for foot in robot.feet if ("stance", foot) in by
     }
     signals, guessed = {}, {}
     for role in (*JOINT_SIGNALS, *WIDTHS, "grf"):
         names = joints if role in JOINT_SIGNALS else feet if role == "grf" else AXES[role]
         if any(r == role for r, _ in by):
-            signals[role] = _columns(by, role, names, axis, sample, np.nan)
+            signals[role] = _columns(by, role, names, axis, ticks.sample, np.nan)
         if role in signals and role in JOINT_SIGNALS:
-            guessed[role] = _columns(by, role, names, axis, lost, 0.0) > 0.0
+            guessed[role] = _columns(by, role, names, axis, ticks.lost, 0.0) > 0.0
     for role in ("orientation", "base_orientation"):
         if role in signals:
             signals[role] = _unit_length(name, role, signals[role])
@@ -271,53 +254,6 @@ def _columns(
         if (role, place) in by:
             columns[:, i] = how(by[role, place], axis)
     return columns
-
-
-def hold(track: Track, axis: np.ndarray) -> np.ndarray:
-    """Command at each time, (T,): zero-order hold, or interpolated if the track is linear."""
-    if track.between == "line":
-        return np.interp(axis, track.t, track.x)
-    row = np.searchsorted(track.t, axis + 1e-6, side="right") - 1
-    return track.x[np.maximum(row, 0)]
-
-
-def sample(track: Track, axis: np.ndarray) -> np.ndarray:
-    """Value at each time, (T,); NaN in gaps, outside, and between samples slower than the axis."""
-    t, x = track.t, track.x
-    step = (axis[-1] - axis[0]) / (len(axis) - 1)
-    usual = period(t) if len(t) > 1 else np.inf
-    if usual > SPARSE * step:
-        return _nearest(track, axis, step)
-    row = np.searchsorted(t, axis + EVEN * step, side="right") - 1
-    inside = (row >= 0) & (axis <= t[-1] + EVEN * step)
-    row = row.clip(0, len(t) - 1)
-    following = (row + 1).clip(max=len(t) - 1)
-    width = t[following] - t[row]
-    on = np.abs(axis - t[row]) <= EVEN * step
-    share = np.where(on | (width <= 0.0), 0.0, (axis - t[row]) / np.where(width > 0.0, width, 1.0))
-    value = x[row] + np.where(share > 0.0, share * (x[following] - x[row]), 0.0)
-    valid = inside & (on | (width <= CUTS.silence * usual))
-    return np.where(valid, value, np.nan)
-
-
-def lost(track: Track, axis: np.ndarray) -> np.ndarray:
-    """1 at times at which one of the readings on the axis was lost, else 0, (T,).
-
-    The error of interpolating between its neighbours may be far larger than the sensor noise.
-    """
-    step = (axis[-1] - axis[0]) / (len(axis) - 1)
-    row = np.searchsorted(track.t, axis + EVEN * step, side="right") - 1
-    on = np.abs(axis - track.t[row.clip(0)]) <= EVEN * step
-    return np.where(on | (np.mean(on) < MOSTLY), 0.0, 1.0)
-
-
-def _nearest(track: Track, axis: np.ndarray, step: float) -> np.ndarray:
-    """Each sample at the closest tick, NaN elsewhere, (T,)."""
-    tick = np.round((track.t - axis[0]) / step).astype(int)
-    inside = (tick >= 0) & (tick < len(axis))
-    values = np.full(len(axis), np.nan)
-    values[tick[inside]] = track.x[inside]
-    return values
 
 
 def _unit_length(name: str, role: str, quaternion: np.ndarray) -> np.ndarray:

@@ -14,12 +14,14 @@ from typing import Any
 import numpy as np
 
 from loco_control.exceptions import ParameterError
+from loco_sim.drives.spring_kernels import spring_torque
 from loco_sim.robot.description import Description
 from loco_sim.robot.robot import Robot
+from loco_sim.robot.servo import TorqueDrive
 
 from ..setup.finding import MAPPING, OFFSET, SCALE, SIGN, UNIT, Change, Finding, unit_of
 from .lags import is_constant, rates
-from .record import Record, spacing
+from .record import Record, bridged, spacing
 from .tracks import Track
 from .units import TURN, factor
 
@@ -293,7 +295,7 @@ def _torque(record: Record, robot: Robot) -> Iterator[Finding]:
     for joint in record.joints:
         tau, target = _of(record, "tau", joint), None
         if torque is not None and joint in record.driven:
-            target = torque[:, record.driven.index(joint)]
+            target = _motor(record, robot, joint, torque[:, record.driven.index(joint)])
         limit = robot.effort[robot.joints.index(joint)]
         limit = limit if limit > 0.0 else np.inf
         large = [] if target is None else list(_size("command_torque", joint, target, limit, 4.0))
@@ -301,13 +303,32 @@ def _torque(record: Record, robot: Robot) -> Iterator[Finding]:
         yield from large
         if tau is None or target is None or large:
             continue
-        ratio, correlation = slope(target, tau)
+        causes = target, target + _spring(record, robot, joint)
+        ratio, correlation = max((slope(c, tau) for c in causes), key=lambda found: found[1])
         if correlation > 0.9 and not 1.0 / RATIO_FAR < ratio < RATIO_FAR:
             unit = power_of_ten(ratio)
             mend = (UNIT, unit) if unit else (SCALE, float(1.0 / ratio))
             what = f"in {unit.replace(' ', '·')}" if unit else "a current in A"
             yield _of_unit(f"tau of {joint} is {ratio:.3g} times command_torque: probably {what}, "
                            "not N·m", joint, "tau", *mend)  # fmt: skip
+
+
+def _motor(record: Record, robot: Robot, joint: str, told: np.ndarray) -> np.ndarray:
+    """Torque of a motor that is told a torque, current or voltage, by its gains, (T,)."""
+    drive, q = robot.drives.get(joint), _of(record, "q", joint)
+    if not isinstance(drive, TorqueDrive):
+        return told
+    speed = rates(bridged(q), record.dt) if drive.slope else 0.0
+    return drive.gain * told + drive.bias - drive.slope * speed
+
+
+def _spring(record: Record, robot: Robot, joint: str) -> np.ndarray:
+    """Torque of a spring beside the motor, which a torque sensor of the joint reads too, (T,)."""
+    spring, q = robot.springs.get(joint), bridged(_of(record, "q", joint))
+    if spring is None:
+        return np.zeros(len(q))
+    row, speed = spring.row(), rates(q, record.dt)
+    return np.array([spring_torque(*at, row) for at in zip(q, speed, strict=True)])
 
 
 def power_of_ten(ratio: float) -> str:

@@ -25,6 +25,8 @@ ROWS = 16_000  # largest number of readings of all records and joints
 STEP = (1e-3, 10.0**-4.5)  # of an encoder, share of the amplitude
 NOISE = (0.1, 3.0)  # of an encoder [steps]
 FINE = 4000.0  # smallest rate of integration [Hz]
+FINEST = 100_000.0  # largest rate of integration [Hz]
+INEXACT = 0.2  # largest rms error of the integration, share of the noise of a sensor
 STIFF = 0.04  # largest share of a speed that damping takes away in an integration step
 COUPLED = 12.0  # largest eigenvalue of `drives.stiffest`; beyond, rotors weigh more
 SPRUNG, PASSIVE = 0.3, 0.2  # share of robots with springs, of sprung joints without a drive
@@ -71,7 +73,9 @@ def _draw(name: str) -> Machine:
         rng = np.random.default_rng([int(number), 12, attempt])
         machine = _tried(name, most, rng)
         if machine is not None and _moves(machine):
-            return machine
+            machine = exact(machine)
+            if machine.rate * machine.steps <= FINEST:
+                return machine
     raise ParameterError(f"no robot was found for {name!r} in {TRIES} draws; name another seed")
 
 
@@ -95,6 +99,22 @@ def _moves(machine: Machine) -> bool:
         if np.any(np.abs(ends[0] - ends[1]) > noise):
             return False
     return True
+
+
+def exact(machine: Machine) -> Machine:
+    """The robot with so many integration steps that their error is far below the sensor noise.
+
+    The error is of order 1: a step is off by twice the difference to half of it.
+    """
+    noise = np.array([np.hypot(s.noise, s.step / np.sqrt(12.0)) for s in machine.sensors])
+    most = 1.0
+    for record in machine.records:
+        moved = excitation.command(machine, record.name, 1)
+        runs = [plant.truth(machine.with_steps(by * machine.steps), (), moved)[:2] for by in (1, 2)]
+        coarse, fine = (seen[:: round(1.0 / (machine.rate * t[1]))] for t, seen in runs)
+        error = 2.0 * np.sqrt(np.mean(np.square(fine - coarse), axis=0))
+        most = max(most, float(np.max(error / noise)) / INEXACT)
+    return replace(machine, steps=machine.steps * int(np.ceil(most)), quick=machine.steps // 2)
 
 
 def _tried(name: str, most: int, rng: np.random.Generator) -> Machine | None:

@@ -120,4 +120,33 @@ class SlowParams:
     degrees: tuple[int, ...] = (3, 5)
 
 
-CUTS, LINES, SERIES, SLOW = CutParams(), LineParams(), SeriesParams(), SlowParams()
+@dataclass(frozen=True)
+class TickParams:
+    """Limits for moving signals from their own time stamps to the even times of a record.
+
+    Attributes:
+        even: Distance from the closest time up to which a stamp is on it [periods]. Taste: the
+            change of a signal within it is far below its noise.
+        smooth: Roles whose readings are moved along the signal; others may jump. Theory:
+            positions have no jumps, velocities only at contacts.
+        around: Readings before and after one whose cubic tells how the signal changes about it
+            [readings]. Theory: noise of this change at half a period is a third of that of the
+            reading, and a motion of 20 readings a period is off by 10^-5 of its amplitude.
+        sparse: Periods of the axis per reading from which on a signal is not interpolated. Taste.
+        whole: Largest difference of these periods from a whole number, as a share of it, for
+            readings to be moved to evenly spaced times. Taste.
+        mostly: Share of times with a reading of their own above which the other times lost
+            theirs. Theory: a half, as with two times per reading.
+    """
+
+    even: float = 1e-3
+    smooth: tuple[str, ...] = ("q", "dq")
+    around: int = 3
+    sparse: float = 1.5
+    whole: float = 0.05
+    mostly: float = 0.5
+
+
+CUTS, LINES, SERIES, SLOW, TICKS = (
+    CutParams(), LineParams(), SeriesParams(), SlowParams(), TickParams()
+)  # fmt: skip

@@ -1,0 +1,118 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Signals with their own time stamps at the even times of a record.
+
+Commands act at their stamps, so the times are theirs where they are even. Readings of a motion
+are moved from their stamps to the closest time.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from ..tracks import Track
+from .params import CUTS, TICKS
+
+
+def axis(tracks: Sequence[Track], start: float, end: float, rate: float) -> np.ndarray:
+    """Even times [s], from the first angle within the common time span; at even commands."""
+    stamps = next(k.t for k in tracks if k.role == "q")
+    first = stamps[min(np.searchsorted(stamps, start - 1e-9), len(stamps) - 1)]
+    given = [k.t for k in tracks if k.role.startswith("command_")]
+    phase = [(t - given[0][0]) * rate for t in given]
+    if all(np.max(np.abs(p - np.round(p))) <= TICKS.even for p in phase):
+        first = given[0][0] + round((first - given[0][0]) * rate) / rate
+    return first + np.arange(max(int((end - first) * rate + 1e-6) + 1, 0)) / rate
+
+
+def period(t: np.ndarray) -> float:
+    """Typical time between time stamps [s]: the mean without gaps."""
+    step = np.diff(t)
+    usual = step[step <= CUTS.silence * np.median(step)]
+    return float(np.mean(usual))
+
+
+def hold(track: Track, axis: np.ndarray) -> np.ndarray:
+    """Command at each time, (T,): zero-order hold, or interpolated if the track is linear."""
+    if track.between == "line":
+        return np.interp(axis, track.t, track.x)
+    row = np.searchsorted(track.t, axis + 1e-6, side="right") - 1
+    return track.x[np.maximum(row, 0)]
+
+
+def sample(track: Track, axis: np.ndarray) -> np.ndarray:
+    """Value at each time, (T,); NaN in gaps, outside, and between samples slower than the axis.
+
+    A reading of a motion is moved to the closest time, with its noise. Other signals, and times
+    that are closest to no reading, are interpolated between their neighbours.
+    """
+    t, x, step = track.t, track.x, _step(axis)
+    usual = period(t) if len(t) > 1 else np.inf
+    if usual > TICKS.sparse * step:
+        every = round(min(usual / step, len(axis)))
+        if track.role not in TICKS.smooth or abs(usual / step - every) > TICKS.whole * every:
+            every = 1  # their times are no even part of the axis
+        turns = np.exp(2j * np.pi * (t - axis[0]) / (every * step))
+        phase = round(every * float(np.angle(np.mean(turns))) / (2.0 * np.pi)) % every
+        values = np.full(len(axis), np.nan)
+        values[phase::every] = _own(track, axis[phase::every], every * step)
+        return values
+    row = np.searchsorted(t, axis + TICKS.even * step, side="right") - 1
+    inside = (row >= 0) & (axis <= t[-1] + TICKS.even * step)
+    row = row.clip(0, len(t) - 1)
+    following = (row + 1).clip(max=len(t) - 1)
+    width = t[following] - t[row]
+    on = np.abs(axis - t[row]) <= TICKS.even * step
+    share = np.where(on | (width <= 0.0), 0.0, (axis - t[row]) / np.where(width > 0.0, width, 1.0))
+    value = x[row] + np.where(share > 0.0, share * (x[following] - x[row]), 0.0)
+    valid = inside & (on | (width <= CUTS.silence * usual))
+    own = np.full(len(axis), np.nan)
+    if track.role in TICKS.smooth:
+        own = np.where(on, np.nan, _own(track, axis, step))
+    return np.where(np.isfinite(own), own, np.where(valid, value, np.nan))
+
+
+def lost(track: Track, axis: np.ndarray) -> np.ndarray:
+    """1 at times at which one of the readings on the axis was lost, else 0, (T,).
+
+    The error of interpolating between its neighbours may be far larger than the sensor noise.
+    """
+    step = _step(axis)
+    if track.role in TICKS.smooth:
+        on = np.isfinite(_own(track, axis, step))
+    else:
+        row = np.searchsorted(track.t, axis + TICKS.even * step, side="right") - 1
+        on = np.abs(axis - track.t[row.clip(0)]) <= TICKS.even * step
+    return np.where(on | (np.mean(on) < TICKS.mostly), 0.0, 1.0)
+
+
+def _step(axis: np.ndarray) -> float:
+    return float(axis[-1] - axis[0]) / (len(axis) - 1)
+
+
+def _own(track: Track, axis: np.ndarray, step: float) -> np.ndarray:
+    """Each reading at the closest time, moved there if it is of a motion; NaN elsewhere, (T,)."""
+    tick = np.floor((track.t - axis[0]) / step + 0.5 - TICKS.even).astype(int)  # halves alike
+    rows = np.flatnonzero((tick >= 0) & (tick < len(axis)))
+    values = np.full(len(axis), np.nan)
+    values[tick[rows]] = track.x[rows]
+    late = axis[tick[rows]] - track.t[rows]
+    moves = np.abs(late) > TICKS.even * step
+    if track.role in TICKS.smooth and moves.any():
+        values[tick[rows[moves]]] += _change(track, rows[moves], late[moves])
+    return values
+
+
+def _change(track: Track, rows: np.ndarray, late: np.ndarray) -> np.ndarray:
+    """Change of a signal in a time `late` [s] after some readings, by cubics about them, (K,)."""
+    t, x, unit = track.t, track.x, period(track.t)
+    width = 2 * TICKS.around + 1
+    if len(t) < width:
+        return np.zeros(len(rows))
+    about = (rows - TICKS.around).clip(0, len(t) - width)[:, None] + np.arange(width)
+    powers = ((t[about] - t[rows, None]) / unit)[..., None] ** np.arange(4)
+    rises = x[about] - x[rows, None]
+    gram, moment = np.einsum("kwi,kwj->kij", powers, powers), np.einsum("kwi,kw->ki", powers, rises)
+    cubic = np.linalg.solve(gram, moment[..., None])[:, 1:, 0]
+    return np.sum(cubic * (late / unit)[:, None] ** np.arange(1, 4), axis=1)
