@@ -102,6 +102,27 @@ def test_help_is_light():
     subprocess.run([sys.executable, "-c", code], check=True, timeout=60)
 
 
+@pytest.mark.parametrize(("given", "wanted"), [(None, "1"), ("2", "2")])
+def test_a_command_uses_one_thread_for_linear_algebra_unless_told_otherwise(given, wanted):
+    # Not only where the script of a clone starts it. NumPy reads this when it is imported.
+    code = (
+        "import os, sys, loco_bringup.cli.main as c\n"
+        "c._run = lambda words: print(os.environ['OMP_NUM_THREADS'], 'numpy' in sys.modules)\n"
+        "c.main()"
+    )
+    mine = {k: v for k, v in os.environ.items() if not k.endswith("_NUM_THREADS")}
+    mine |= {} if given is None else {"OMP_NUM_THREADS": given}
+    done = subprocess.run(
+        [sys.executable, "-c", code],
+        env=mine,
+        check=True,
+        timeout=60,
+        capture_output=True,
+        text=True,
+    )
+    assert done.stdout.split() == [wanted, "False"]
+
+
 MISTAKES = [
     (("run", "hyq_trott"), "hyq_trot_open"),
     (("run", "nowhere.yaml"), "nowhere.yaml"),

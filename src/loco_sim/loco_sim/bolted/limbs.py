@@ -8,7 +8,7 @@ the motion of all, so the motion of a limb is cached by its inputs.
 from __future__ import annotations
 
 from collections import OrderedDict
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from hashlib import blake2b
 from typing import NamedTuple
 
@@ -20,6 +20,7 @@ from .kernels import run
 from .tree import Tree
 
 MOST = 2**25  # size of the cache [bytes]
+RECORDS = 8  # commands whose hashes are kept (taste: a search has so many records)
 
 
 class Orders(NamedTuple):
@@ -80,13 +81,16 @@ class Orders(NamedTuple):
             slow=_columns(self.slow, joints),
         )
 
-    def digest(self) -> bytes:
-        """Hash of the inputs without memory and delay lines, which are zero at the start."""
-        inputs = (*self, *self.tree, *self.change[:3], *self.brakes[:3], *self.pulls)
+    def digest(self, commands: bytes) -> bytes:
+        """Hash of the inputs without memory and delay lines, which are zero at the start.
+
+        Args:
+            commands: Hash of `targets`, `which` and `power`, which are left out.
+        """
+        others = self._replace(targets=None, which=None, power=None)
+        inputs = (*others, *self.tree, *self.change[:3], *self.brakes[:3], *self.pulls)
         arrays = [values for values in inputs if isinstance(values, np.ndarray)]
-        header = self.tree.fastest, self.dt, [values.shape for values in arrays]
-        payload = b"".join([repr(header).encode(), *(values.tobytes() for values in arrays)])
-        return blake2b(payload, digest_size=16).digest()
+        return commands + _hash(arrays, self.tree.fastest, self.dt)
 
 
 def limbs(kin: np.ndarray) -> list[np.ndarray]:
@@ -115,6 +119,7 @@ class Kept:
         """Clear the cache and its counters."""
         self._runs: OrderedDict[bytes, np.ndarray] = OrderedDict()
         self._size = self.asked = self.known = 0
+        self._commands: list[tuple[tuple[np.ndarray, ...], dict[bytes, bytes]]] = []
 
     def run(self, orders: Orders, apart: Sequence[np.ndarray], out: np.ndarray) -> None:
         """Simulate a robot as `kernels.run` does, with cached limbs taken from the cache.
@@ -124,7 +129,7 @@ class Kept:
             apart: Limbs, from `limbs`.
             out: Result, (T, 3, n).
         """
-        keys = [orders.of(limb).digest() for limb in apart]
+        keys = [self.key(orders, limb) for limb in apart]
         new = [k for k, key in enumerate(keys) if key not in self._runs]
         self.asked, self.known = self.asked + len(keys), self.known + len(keys) - len(new)
         for limb, key in zip(apart, keys, strict=True):
@@ -145,6 +150,18 @@ class Kept:
         for k in new:
             self._keep(keys[k], out[:, :, orders.order[apart[k]]])
 
+    def key(self, orders: Orders, limb: np.ndarray) -> bytes:
+        """Hash of the inputs of a limb; that of its commands is computed once."""
+        commands, joints = (orders.targets, orders.which, orders.power), orders.order[limb]
+        hashes = next((h for c, h in self._commands if all(map(np.array_equal, c, commands))), None)
+        if hashes is None:
+            hashes = {}
+            self._commands = [(commands, hashes), *self._commands[: RECORDS - 1]]
+        place = joints.tobytes()
+        if place not in hashes:
+            hashes[place] = _hash((_columns(orders.targets, joints), *commands[1:]))
+        return orders._replace(targets=orders.targets[:0]).of(limb).digest(hashes[place])
+
     def _keep(self, key: bytes, made: np.ndarray) -> None:
         if key in self._runs:  # two limbs of one run are identical
             return
@@ -155,6 +172,14 @@ class Kept:
 
 
 KEPT = Kept()  # cache of this process
+
+
+def _hash(arrays: Iterable[np.ndarray], *numbers: float) -> bytes:
+    """Hash of arrays with their shapes, and of numbers."""
+    arrays = list(arrays)
+    header = repr((numbers, [values.shape for values in arrays])).encode()
+    payload = b"".join([header, *(values.tobytes() for values in arrays)])
+    return blake2b(payload, digest_size=16).digest()
 
 
 def _numbered(chosen: np.ndarray, n: int) -> np.ndarray:

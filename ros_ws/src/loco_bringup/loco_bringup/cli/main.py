@@ -52,6 +52,9 @@ def main(argv: list[str] | None = None) -> None:
     if argv is None:  # a process of its own; another one keeps its garbage collection
         # Imports and compilation make objects that stay: collection took a tenth of their time.
         gc.set_threshold(50_000)
+        # NumPy is not imported yet. A second thread of its linear algebra doubles processor time.
+        os.environ.setdefault("OMP_NUM_THREADS", "1")
+        os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     try:
         sys.exit(_run(sys.argv[1:] if argv is None else argv))
     except LocoError as error:

@@ -154,7 +154,12 @@ class _Trial:
         self.whole = max(_square(self.left), 1e-300)
         mask = slice(None) if rows is None else rows  # only this branch's gap decides on sizes
         self.energy = max(_square(residual[mask]), 1e-300)
-        self.idle = IDLE * _square(self.left[mask]) / self.whole
+        own = _square(self.left[mask])
+        self.idle = IDLE * own / self.whole
+        self.apart = rows is not None and tangent is None  # then values of other branches stay
+        self.left, self.rest = (
+            (self.left[rows], self.whole - own) if self.apart else (self.left, 0.0)
+        )
         quiet = passes and rows is not None and _quiet(residual, rows)
         self.starts = [initial] if initial else [] if quiet else hypothesis.starts()
         self.most = 0 if initial else RUNGS
@@ -180,14 +185,14 @@ class _Trial:
             return
         self.cost += columns.shape[1]
         if self.rows is not None:
-            columns = np.where(self.rows[:, None], columns, 0.0)
+            columns = columns[self.rows] if self.apart else columns * self.rows[:, None]
         if columns.shape[1] == 1:
             (at,) = self.hypothesis.strengths
             self.promised = []  # replaced by the simulated share
             self.levels[self.x[at]] = float(np.linalg.norm(columns)) / np.sqrt(self.energy)
         if self.rungs:
             self.alive |= self.levels[self.x[at]] >= DEAD
-            self._note(1.0 - _square(self.left + project(columns, self.tangent)[:, 0]) / self.whole)
+            self._note(self._share(project(columns, self.tangent)[:, 0]))
         else:
             if self._step(columns):
                 self.done = True
@@ -229,7 +234,7 @@ class _Trial:
         moves = project(columns, self.tangent)
         factors = _solve(moves, self.left)
         share, factors = self._judged(moves, factors)
-        if len(size) == 1 and self._overshot(1.0 - _square(self.left + moves[:, 0]) / self.whole):
+        if len(size) == 1 and self._overshot(self._share(moves[:, 0])):
             return False
         self.x = _scaled(self.hypothesis, self.x, factors)
         live = factors[size > 0.0]
@@ -284,12 +289,16 @@ class _Trial:
         self.x[at] *= np.sqrt(ratio)
         return True
 
+    def _share(self, change: np.ndarray) -> float:
+        """Share of the residual's energy that a change explains."""
+        return 1.0 - (self.rest + _square(self.left + change)) / self.whole
+
     def _note(self, share: float) -> None:
         self.tried.append((float(share), tuple(self.x)))
 
     def _judged(self, columns: np.ndarray, factors: np.ndarray) -> tuple[float, np.ndarray]:
         """Share that a linear step explains, and its factors, 0 where the sign is forbidden."""
-        share = 1.0 - _square(self.left + columns @ factors) / self.whole
+        share = self._share(columns @ factors)
         forbidden = [
             f < 0.0 and self.hypothesis.coordinates[i].one_sided
             for f, i in zip(factors, self.hypothesis.strengths, strict=True)
@@ -300,7 +309,7 @@ class _Trial:
         factors = np.where(forbidden, 0.0, factors)
         if not np.any(factors):
             return 0.0, factors
-        return 1.0 - _square(self.left + columns @ factors) / self.whole, factors
+        return self._share(columns @ factors), factors
 
     def screened(self) -> Screened:
         """Best result over all tried sizes."""

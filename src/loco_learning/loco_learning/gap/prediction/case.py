@@ -286,12 +286,11 @@ class Case:
             A function of deviations, (V,), that returns residuals, (T, C) for each record of
             `only`, with refitted initial states, and all deviations.
         """
-        near, count = self.loose, len(self.loose.at)
-        here = self.bare(specs, self._about(overrides), only)
+        near, here = self.loose, self.bare(specs, self._about(overrides), only)
 
         def told(at: np.ndarray) -> tuple[list[np.ndarray], list[np.ndarray]]:
-            by, there = at - near.at, self.at(at).loose
-            moved = [r + near.columns[i][..., :count] @ by for i, r in zip(only, here, strict=True)]
+            there, starts = self.at(at).loose, near.unmoved(only)[1:]
+            moved = near.left(here, only, [at, *starts])
             best = there.best(moved, only)
             return there.left(moved, only, best), best
 

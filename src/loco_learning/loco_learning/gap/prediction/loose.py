@@ -35,6 +35,62 @@ CHANGES = 20  # most iterations of the active-set method
 CLOCK = 5e-5
 
 
+class Block(NamedTuple):
+    """Channels of a record that depend on the same deviations."""
+
+    channels: np.ndarray  # their indices, (c,)
+    moved: np.ndarray  # indices of the deviations, (k,)
+    values: np.ndarray  # sensitivities, (c, T, k)
+
+
+@dataclass(frozen=True)
+class Columns:
+    """Sensitivity of the residual of a record [floors] per deviation, as its parts that are not 0.
+
+    A mass in one leg moves no joint of the others: a dense matrix of a quadruped is mostly 0.
+
+    Attributes:
+        shape: Times, channels and deviations: T, C, K.
+        blocks: Parts; no two have a channel in common.
+    """
+
+    shape: tuple[int, int, int]
+    blocks: tuple[Block, ...]
+
+    @classmethod
+    def of(cls, dense: np.ndarray) -> Columns:
+        """Parts of a dense matrix, (T, C, K)."""
+        acts, blocks = dense.any(axis=0), []
+        for pattern in np.unique(acts, axis=0):
+            channels, moved = np.flatnonzero((acts == pattern).all(1)), np.flatnonzero(pattern)
+            values = dense[:, channels][:, :, moved].transpose(1, 0, 2)
+            blocks.append(Block(channels, moved, np.ascontiguousarray(values)))
+        return cls(dense.shape, tuple(blocks))
+
+    def by(self, deviations: np.ndarray) -> np.ndarray:
+        """Change of the residual by deviations, (K,): (T, C)."""
+        result = np.empty(self.shape[:2])
+        for channels, moved, values in self.blocks:
+            result[:, channels] = (values @ deviations[moved]).T
+        return result
+
+    def moment(self, residual: np.ndarray) -> np.ndarray:
+        """Sum over time of the sensitivities times a residual, (T, C): (C, K)."""
+        result = np.zeros(self.shape[1:])
+        for channels, moved, values in self.blocks:
+            result[np.ix_(channels, moved)] = (residual.T[channels, None] @ values)[:, 0]
+        return result
+
+    def gram(self, used: np.ndarray) -> np.ndarray:
+        """Sum of products of the sensitivities over used times, (T, C) flags: (C, K, K)."""
+        _, count, width = self.shape
+        result = np.zeros((count, width, width))
+        for channels, moved, values in self.blocks:
+            own = values * used.T[channels, :, None]
+            result[np.ix_(channels, moved, moved)] = own.transpose(0, 2, 1) @ own
+        return result
+
+
 class Products(NamedTuple):
     """Sums over time of a residual, for each channel."""
 
@@ -55,8 +111,8 @@ class Loose:
         spread: Standard deviation of each, (N,).
         legal: Smallest and largest value of each, (N, 2).
         of: Index of each among the V values; names that change together have the same, (N,).
-        columns: Sensitivity of the residual [floors] per deviation, (T, C, V + S) per record, with
-            S deviations of its own; 0 where nothing was measured.
+        columns: Sensitivities of V + S deviations for each record, with S deviations of its own;
+            0 where nothing was measured.
         weight: Information of a residual of 1 floor in each channel, (C,).
         rows: Rows of each record that are fitted, (T,) flags.
         judges: Held-out rows; they determine the initial state of a record without fitted rows.
@@ -74,7 +130,7 @@ class Loose:
     spread: np.ndarray
     legal: np.ndarray
     of: np.ndarray
-    columns: tuple[np.ndarray, ...]
+    columns: tuple[Columns, ...]
     weight: np.ndarray
     rows: tuple[np.ndarray, ...]
     judges: tuple[np.ndarray, ...]
@@ -108,7 +164,7 @@ class Loose:
         seen = [self._products(i, r) for i, r in zip(only, residuals, strict=True)]
         if not self.level:
             return self._solved(seen, only, self.weight)
-        by, before = self._none(only), np.inf
+        by, before = self.unmoved(only), np.inf
         count = np.maximum(np.sum([np.isfinite(r).sum(0) for r in residuals], axis=0), 1)
         for _ in range(LEVELS):
             power = self._power(seen, only, by) / count
@@ -117,7 +173,8 @@ class Loose:
             by, before = self._solved(seen, only, self.weight / np.maximum(power, 1.0)), power
         return by
 
-    def _none(self, only: Sequence[int]) -> list[np.ndarray]:
+    def unmoved(self, only: Sequence[int]) -> list[np.ndarray]:
+        """Values as in `at`, and no change of initial states; as `best`."""
         count = len(self.at)
         return [self.at, *(np.zeros(self.columns[i].shape[2] - count) for i in only)]
 
@@ -128,11 +185,11 @@ class Loose:
         rows = self.rows[index] if self.rows[index].any() else self.judges[index]
         values = np.where(known, residual, 0.0)
         own = values * rows[:, None]
-        moment = _moment(columns, own)
-        every = moment if rows.all() else moment + _moment(columns, values - own)
+        moment = columns.moment(own)
+        every = moment if rows.all() else moment + columns.moment(values - own)
         if index not in self.grams:  # the measured rows are the same for every model
-            used = _gram(columns, known & rows[:, None])
-            whole = used if rows.all() else used + _gram(columns, known & ~rows[:, None])
+            used = columns.gram(known & rows[:, None])
+            whole = used if rows.all() else used + columns.gram(known & ~rows[:, None])
             self.grams[index] = used, whole
         return Products(np.sum(np.square(values), axis=0), moment, every)
 
@@ -151,7 +208,7 @@ class Loose:
         self, seen: Sequence[Products], only: Sequence[int], weight: np.ndarray
     ) -> list[np.ndarray]:
         count = len(self.at)
-        sizes = [len(by) for by in self._none(only)]
+        sizes = [len(by) for by in self.unmoved(only)]
         ends = np.cumsum(sizes)
         gram, moment = np.eye(ends[-1]), np.zeros(ends[-1])
         for k, (i, products) in enumerate(zip(only, seen, strict=True)):
@@ -195,7 +252,7 @@ class Loose:
         """Residuals with everything at deviations `by`, (T, C) each."""
         moved = by[0] - self.at
         return [
-            r + self.columns[i] @ np.concatenate([moved, start])
+            r + self.columns[i].by(np.concatenate([moved, start]))
             for i, r, start in zip(only, residuals, by[1:], strict=True)
         ]
 
@@ -222,7 +279,7 @@ class Loose:
         """
         count, gram = len(by), np.eye(len(by))
         for columns, rows, r, each in zip(self.columns, self.rows, residuals, weight, strict=True):
-            whole = np.tensordot(each, _gram(columns, np.isfinite(r) & rows[:, None]), axes=1)
+            whole = np.tensordot(each, columns.gram(np.isfinite(r) & rows[:, None]), axes=1)
             own, both = np.eye(len(whole) - count) + whole[count:, count:], whole[:count, count:]
             gram += whole[:count, :count] - both @ np.linalg.solve(own, both.T)
         back = np.zeros(count, dtype=bool)
@@ -240,17 +297,6 @@ class Loose:
         """Values of ``robot.yaml`` at deviations, clipped to their legal range."""
         found = np.clip(self.nominal + self.spread * at[self.of], *self.legal.T)
         return dict(zip(self.names, map(float, found), strict=True))
-
-
-def _moment(columns: np.ndarray, values: np.ndarray) -> np.ndarray:
-    """Sum over time of columns, (T, C, K), times values, (T, C): (C, K)."""
-    return (values.T[:, None, :] @ columns.transpose(1, 0, 2))[:, 0]
-
-
-def _gram(columns: np.ndarray, used: np.ndarray) -> np.ndarray:
-    """Sum of products of the columns over the used times, (T, C) flags: (C, K, K)."""
-    own = (columns * used[:, :, None]).transpose(1, 0, 2)
-    return own.transpose(0, 2, 1) @ own
 
 
 def _within(
@@ -359,7 +405,7 @@ def _about(
     rounds = case.forward.robot().encoder_step > 0.0  # then in `floors.hunting`
     if math.isfinite(loose.most) and not case.ground and not rounds:
         found = _timed(case, found, specs, loose.values(loose.at))
-    return replace(loose, columns=tuple(found), grams={})
+    return replace(loose, columns=tuple(map(Columns.of, found)), grams={})
 
 
 def _timed(
