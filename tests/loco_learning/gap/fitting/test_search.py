@@ -99,7 +99,7 @@ def test_values_of_the_robot_are_fitted_by_simulation_only_near_the_best():
 
     def each(function, arguments):
         if function.__name__ == "fit":
-            return iter(rough)
+            return iter(rough[: len(arguments)])
         sought.extend(parts[0][0] for parts, *_ in arguments)
         return (fit_of(name, 1.0) for name in sought)
 
@@ -135,6 +135,18 @@ def test_two_causes_are_found_in_whatever_order_they_are_tried_and_leave_noise(b
     _, again, _ = searched(bench, [DRY, LATE], names[::-1])
     assert [m.key for m in again.models] == [m.key for m in found.models]
     assert [m.fit_rms for m in again.models] == [m.fit_rms for m in found.models]
+
+
+def test_a_model_fits_no_worse_than_a_part_of_it(bench):
+    """Friction that holds the axis, whatever its size, is no start beside a limit of its force."""
+    names = ["torque_limit", "coulomb_friction"]
+    search, _, _ = searched(bench, [DRY, {"name": "torque_limit", "reduction": 0.6}], names)
+    limit, dry = search.hypotheses
+    search.fits = {}
+    (alone,) = search._fit([((limit, (0.6 / limit.coordinates[0].size,)),)])
+    holds = dry.coordinates[0].inverse(dry.coordinates[0].high)
+    (both,) = search.fitted([(*alone.parts, (dry, (holds,)))])
+    assert both.fit_rms < alone.fit_rms
 
 
 def test_a_rival_that_does_nothing_changes_nothing(bench):

@@ -40,6 +40,7 @@ PAIRS = 2  # pairs that are fitted
 # Increase of the log residual, fitted plus held-out, from the best model to the worst that is
 # refined: twice its rms (taste). A smooth model does not fall that far by refinement.
 IN_REACH = 2.0 * math.log(2.0)
+WORSE = 1.1  # ratio of the rms to that of a part of a model above which it is fitted anew (taste)
 DEEPEST = 4  # effects in one model, laws in several joints included (taste)
 DEEP = 3  # models of two or more effects that are fitted to convergence at each step
 
@@ -259,9 +260,26 @@ class Search:
         tasks = [(models[i].parts, models[i].overrides, models[i].cost) for i in again]
         for i, model in zip(again, self.each(settled, tasks), strict=True):
             models[i] = model
+        worse = [(i, parts) for i, m in enumerate(models) if (parts := self._from_fewer(m))]
+        tasks = [(parts, self.setting, False) for _, parts in worse]
+        for (i, _), model in zip(worse, self.each(fit, tasks), strict=True):
+            models[i] = min((models[i], model), key=self.energy)
         for m in models:
             log.info("fit %-50s %8.3f held %8.3f", m.key, m.fit_rms, m.held.rms)
         return models
+
+    def _from_fewer(self, model: Fitted) -> tuple:
+        """Start of a model at the known one with an effect fewer that fits best, if better.
+
+        A limit of a torque may start beside friction that, without the limit, was far larger, and
+        that now holds the joint whatever its size. Empty if no such model fits better.
+        """
+        best: tuple = (model.fit_rms / WORSE, ())
+        for i, (h, *_) in enumerate(model.parts):
+            fewer = self.fits.get(_key((*model.parts[:i], *model.parts[i + 1 :])))
+            if fewer is not None and fewer.fit_rms < best[0]:
+                best = fewer.fit_rms, (*fewer.parts, (h, tuple(h.starts()[0])))
+        return best[1]
 
     def in_reach(self, model: Fitted, among: Sequence[Fitted] = ()) -> bool:
         """True if a model may come near the best one, of the search or `among`, by refinement."""
