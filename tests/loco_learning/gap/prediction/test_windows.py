@@ -325,3 +325,17 @@ def test_a_walking_robot_is_put_where_it_was():
     assert np.isfinite(error[9]).all()
     assert np.nanmax(np.abs(error[:, height])) < 5e-3
     assert np.nanmean(error**2) < 0.05 * np.nanmean((wanted - np.nanmean(wanted, axis=0)) ** 2)
+
+
+@pytest.mark.parametrize(("dt", "noise"), [(0.0005, 1e-3), (0.001, 1e-4), (0.001, 1e-3)])
+def test_the_doubt_of_the_first_speed_covers_what_a_parabola_of_a_wave_is_off(dt, noise):
+    """Beyond 2.5 deviations a refit of the initial state could not reach the true speed."""
+    rng, t, off = np.random.default_rng(1), np.arange(400) * dt, []
+    for _ in range(200):
+        a, b = rng.uniform(0.0, 2.0 * np.pi, 2)
+        wave = 0.3 * np.sin(6.0 * np.pi * t + a) + 0.1 * np.sin(10.2 * np.pi * t + b)
+        speed = 1.8 * np.pi * np.cos(a) + 1.02 * np.pi * np.cos(b)
+        read = wave + noise * rng.standard_normal(len(t))
+        _, rate, _, doubt = windows._first(t, read, noise, np.zeros(len(t)))
+        off.append((rate - speed) / doubt)
+    assert np.mean(np.abs(off) > 2.5) < 0.08

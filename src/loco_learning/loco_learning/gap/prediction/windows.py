@@ -271,8 +271,9 @@ def _first(
     that steps changes the motion before it shows in a coarse encoder, so the command must fit a
     parabola over this length as well.
 
-    The deviations include noise, and the change of the rate within one sample, since the internal
-    state of the drive is unknown.
+    The deviations include the noise of a cubic over the same length, as the parabola may be off by
+    as much, and the change of the rate within one sample, since the internal state of the drive is
+    unknown.
     """
     for half in reversed((*HALVES, *LONGER)):
         n = min(2 * half + 1, len(t))
@@ -284,7 +285,8 @@ def _first(
     else:  # at most up to the sample that the largest step of the command affects
         n = min(n, max(3, 2 + int(np.argmax(np.abs(np.diff(told[:n]))))))
     parabola, _ = _fitted(t[:n], values[:n], 2)
-    spread = off * np.sqrt(np.diag(np.linalg.inv(_powers(t[:n]).T @ _powers(t[:n]))))
+    powers = t[:n, None] ** np.arange(min(4, n))
+    spread = off * np.sqrt(np.diag(np.linalg.inv(powers.T @ powers)))
     change = parabola.deriv(2)(0.0) * (t[1] - t[0]) / np.sqrt(12.0)
     found = parabola(0.0), parabola.deriv()(0.0), spread[0], np.hypot(spread[1], change)
     return tuple(float(x) for x in found)
@@ -294,10 +296,6 @@ def _fitted(t: np.ndarray, values: np.ndarray, degree: int) -> tuple[np.polynomi
     """Polynomial fit of values, and the rms of its residual."""
     found = np.polynomial.Legendre.fit(t, values, degree)
     return found, float(np.sqrt(np.mean((found(t) - values) ** 2)))
-
-
-def _powers(t: np.ndarray) -> np.ndarray:
-    return np.stack([np.ones(len(t)), t, t**2], axis=1)
 
 
 def base_states(record: Record) -> list[Base | None]:
