@@ -207,13 +207,15 @@ def gains(bench: Bench) -> list[Finding]:
     return sorted(found, key=lambda f: bench.miss(*f.mends))[:1]
 
 
-def shifted(bench: Bench) -> float:
-    """Least error of the model if the zero of one joint sensor has moved."""
-    trial = bench()
-    off = np.nanmean(np.concatenate(trial.said) - np.concatenate(trial.measured), axis=0)
-    rows = zip(trial.joints, off, strict=True) if not bench.led else ()
-    return min((bench.miss(Change(MAPPING, OFFSET, float(by), "q", j)) for j, by in rows),
-               default=np.inf)  # fmt: skip
+def misread(bench: Bench) -> float:
+    """Least error of the model if the zero of one joint sensor has moved, or its gain is off."""
+    trial, ways = bench(), []
+    said, read = np.concatenate(trial.said), np.concatenate(trial.measured)
+    for joint, a, b in zip(trial.joints, said.T, read.T, strict=True) if not bench.led else ():
+        gain = float(np.nansum(a * b) / max(np.nansum(b * b * np.isfinite(a)), 1e-12))
+        ways.append(Change(MAPPING, OFFSET, float(np.nanmean(a - b)), "q", joint))
+        ways.append(Change(MAPPING, SCALE, gain, "q", joint))
+    return min((bench.miss(way) for way in ways), default=np.inf)
 
 
 def stiff(bench: Bench) -> tuple[str, ...]:

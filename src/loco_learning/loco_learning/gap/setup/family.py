@@ -97,8 +97,8 @@ def best(bench: Bench) -> list[Finding]:
     """
     new = [] if bench.fits else [finding for test in RUNS for finding in test(bench)]
     rows = sorted(((bench.miss(*finding.mends), k) for k, finding in enumerate(new)))
-    if not rows or bodies.shifted(bench) < rows[0][0]:
-        return []  # a zero of a sensor that moved is left to the search
+    if not rows or bodies.misread(bench) < LIMITS.alike * rows[0][0]:
+        return []  # a sensor whose zero or gain is off is left to the search
     least, first = rows[0][0], new[rows[0][1]]
     alike = [new[k] for miss, k in rows[1:] if miss < LIMITS.alike * least + 1e-3]
     others = [way for finding in alike for way in (finding.mends, *finding.others)]
