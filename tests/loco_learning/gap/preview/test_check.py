@@ -51,10 +51,9 @@ def steps(monkeypatch):
     """Function that counts the physics steps of a preview."""
     run, counted = kernels.run, []
 
-    def counting(*inputs):
-        pieces, which, rows = inputs[3], inputs[6], len(inputs[-2])
-        counted.append(np.diff(pieces).sum() * len(which) // rows)
-        return run(*inputs)
+    def counting(orders, out, memories):
+        counted.append(np.diff(orders.pieces).sum() * len(orders.which) // len(out))
+        return run(orders, out, memories)
 
     def count(*inputs):
         counted.clear()

@@ -9,7 +9,7 @@ import pytest
 
 from loco_learning.gap.fitting.fit import Fitted
 from loco_learning.gap.hypotheses.hypotheses import Hypothesis
-from loco_learning.gap.prediction.loose import MOST, Loose
+from loco_learning.gap.prediction.loose import MOST, Columns, Loose
 from loco_learning.gap.statistics import evidence
 from loco_learning.gap.statistics.leftover import LIMITS
 from loco_learning.gap.verdict import traded
@@ -97,8 +97,8 @@ def near(columns, count, most=MOST):
     legal = np.array([[1e-3, 1e3]] * count)
     rows = (np.ones(len(columns), dtype=bool),)
     return Loose(
-        names, one, 0.02 * one, legal, np.arange(count), (columns,), np.ones(1), rows, (~rows[0],),
-        most, 0.0 * one, one < 0.0,
+        names, one, 0.02 * one, legal, np.arange(count), (Columns.of(columns),),
+        np.ones(1), rows, (~rows[0],), most, 0.0 * one, one < 0.0,
     )  # fmt: skip
 
 
