@@ -58,3 +58,22 @@ def test_each_disagreement_is_on_the_page_of_ablations():
     disagree = {row["claim"] for folder in FOLDERS for row in rows(folder)
                 if row["verdict"] == registry.DISAGREES and not row["change"]}  # fmt: skip
     assert disagree <= set(listed) and len(disagree) > 5
+
+
+NUMBER = re.compile(r"-?\d+\.?\d*(?:e-?\d+)?")
+ROW = re.compile(r"\| (\d\.\d+), [^|]*\|[^|]*\|([^|]*)\|([^|]*)\|")
+
+
+def rounded(text: str) -> set[str]:
+    return {f"{float(number):.2g}" for number in NUMBER.findall(text)}
+
+
+def test_the_table_of_both_torque_loops_has_the_numbers_of_the_run():
+    run = rows("results/thesis_quick_held")
+    found = {(row["claim"], row["change"]): rounded(row["found"]) for row in run}
+    lines = map(ROW.match, (DOCS / "thesis.md").read_text().splitlines())
+    table = [line.groups() for line in lines if line]
+    assert len(table) == 10
+    for claim, held, continuous in table:
+        assert rounded(held) <= found[claim, ""], claim
+        assert rounded(continuous) <= found[claim, "torque continuous"], claim
