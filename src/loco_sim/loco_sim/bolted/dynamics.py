@@ -28,8 +28,7 @@ FORCE, MOMENT, FIRST, SECOND, WEIGHT, WIDTH = np.array([24, 27, 30, 33, 42, 43])
 
 ZERO = (0.0, 0.0, 0.0)
 
-# Vectors and matrices are tuples of 3 and 9 numbers, which stay in registers. Reference counting
-# of array views took longer than the arithmetic.
+# Vectors and matrices are tuples of 3 and 9 numbers, which stay in registers.
 
 
 @kernel

@@ -129,7 +129,7 @@ class Kept:
             apart: Limbs, from `limbs`.
             out: Result, (T, 3, n).
         """
-        keys = [self.key(orders, limb) for limb in apart]
+        keys = self.keys(orders, apart)
         new = [k for k, key in enumerate(keys) if key not in self._runs]
         self.asked, self.known = self.asked + len(keys), self.known + len(keys) - len(new)
         for limb, key in zip(apart, keys, strict=True):
@@ -150,17 +150,21 @@ class Kept:
         for k in new:
             self._keep(keys[k], out[:, :, orders.order[apart[k]]])
 
-    def key(self, orders: Orders, limb: np.ndarray) -> bytes:
-        """Hash of the inputs of a limb; that of its commands is computed once."""
-        commands, joints = (orders.targets, orders.which, orders.power), orders.order[limb]
+    def keys(self, orders: Orders, apart: Sequence[np.ndarray]) -> list[bytes]:
+        """Hash of the inputs of each limb; those of its commands are computed once."""
+        commands = orders.targets, orders.which, orders.power
         hashes = next((h for c, h in self._commands if all(map(np.array_equal, c, commands))), None)
         if hashes is None:
             hashes = {}
             self._commands = [(commands, hashes), *self._commands[: RECORDS - 1]]
-        place = joints.tobytes()
-        if place not in hashes:
-            hashes[place] = _hash((_columns(orders.targets, joints), *commands[1:]))
-        return orders._replace(targets=orders.targets[:0]).of(limb).digest(hashes[place])
+        bare, keys = orders._replace(targets=orders.targets[:0]), []
+        for limb in apart:
+            joints = orders.order[limb]
+            place = joints.tobytes()
+            if place not in hashes:
+                hashes[place] = _hash((_columns(orders.targets, joints), *commands[1:]))
+            keys.append(bare.of(limb).digest(hashes[place]))
+        return keys
 
     def _keep(self, key: bytes, made: np.ndarray) -> None:
         if key in self._runs:  # two limbs of one run are identical

@@ -34,7 +34,7 @@ from .spring_kernels import spring_energy, spring_torque
 
 COMMANDS = 4  # rows of a command: positions, velocities, torques, swinging
 
-MADE_OF = "0d720177db26"  # of the called kernels, see tests/loco_sim/test_kernel_caches.py
+MADE_OF = "36e746fc4e32"  # of the called kernels, see tests/loco_sim/test_kernel_caches.py
 
 
 @kernel

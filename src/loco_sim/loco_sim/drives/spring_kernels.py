@@ -30,6 +30,11 @@ def spring_torque(q: float, dq: float, row: np.ndarray) -> float:
     return tau
 
 
+def spring_torques(q: np.ndarray, dq: np.ndarray, row: np.ndarray) -> np.ndarray:
+    """As `spring_torque`, at T positions and velocities, (T,)."""
+    return np.array([spring_torque(*at, row) for at in zip(q, dq, strict=True)])
+
+
 def spring_energy(q: float, row: np.ndarray) -> float:
     """Energy stored in a joint's spring [J]."""
     if row[0] == PRETENSION:

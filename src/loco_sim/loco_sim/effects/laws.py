@@ -43,7 +43,7 @@ from .rows import (
     WAVE,
 )
 
-MADE_OF = "86f018a79a56"  # of the called kernels, see tests/loco_sim/test_kernel_caches.py
+MADE_OF = "337d6ee03bdc"  # of the called kernels, see tests/loco_sim/test_kernel_caches.py
 
 REST = 1e-5  # speed below which a joint is at rest, above numerical noise [rad/s] (taste)
 OF_DRIVE, OF_JOINT = np.array([True, False])  # of `torques`; numba compiles for each literal anew

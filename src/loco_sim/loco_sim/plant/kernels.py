@@ -16,7 +16,7 @@ from ..effects.laws import OF_DRIVE, OF_JOINT, bend, budgets, copy_rows, motors,
 from ..world.hinges import torque as hinge_torque
 from .sensing import BASE
 
-MADE_OF = "191ad156a258"  # of the kernels called here: see tests/loco_sim/test_kernel_caches.py
+MADE_OF = "b372c0278e20"  # of the kernels called here: see tests/loco_sim/test_kernel_caches.py
 
 
 @intrinsic

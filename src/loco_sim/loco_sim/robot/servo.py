@@ -28,6 +28,8 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+import numpy as np
+
 from loco_control.exceptions import ParameterError
 from loco_control.params import Params, parameter
 
@@ -179,6 +181,10 @@ class TorqueDrive(Sampled):
     slope: float = parameter(
         0.0, "torque lost per velocity, where a voltage is told", "N·m·s/rad", low=0.0, high=1e6
     )
+
+    def motor_torque(self, told: np.ndarray, speed: np.ndarray | float) -> np.ndarray:
+        """Torque [N·m] by a command and the velocity of the joint [rad/s], (T,), without limit."""
+        return self.gain * told + self.bias - self.slope * speed
 
     def row(self, effort: float) -> tuple[float, ...]:
         """Parameter row for the kernels, (COLUMNS,)."""

@@ -21,7 +21,7 @@ import numpy as np
 
 from loco_control.exceptions import ParameterError
 from loco_control.params import Params, parameter
-from loco_sim.drives.spring_kernels import spring_torque
+from loco_sim.drives.spring_kernels import spring_torques
 from loco_sim.effects import EFFECTS, from_list
 from loco_sim.effects.base import Effect
 from loco_sim.effects.identity import READ_AS
@@ -328,8 +328,7 @@ class Forward:
         other.channels = tuple(Channel(s, j, "") for s in ("tau", "q", "dq") for j in robot.joints)
         tau, q, dq = np.split(np.concatenate(other()), 3, axis=1)
         for j in (j for j, joint in enumerate(robot.joints) if joint in robot.springs):
-            row = robot.springs[robot.joints[j]].row()
-            held = [spring_torque(*at, row) for at in zip(q[:, j], dq[:, j], strict=True)]
+            held = spring_torques(q[:, j], dq[:, j], robot.springs[robot.joints[j]].row())
             tau[:, j] -= np.where(tau[:, j] == 0.0, 0.0, held)  # 0 before the first step
         rotors = [getattr(robot.drives.get(j), "rotor_inertia", 0.0) for j in robot.joints]
         return np.where(np.greater(rotors, 0.0), np.inf, np.nan_to_num(tau)), np.nan_to_num(dq)

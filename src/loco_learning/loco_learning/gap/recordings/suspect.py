@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from loco_control.exceptions import ParameterError
-from loco_sim.drives.spring_kernels import spring_torque
+from loco_sim.drives.spring_kernels import spring_torques
 from loco_sim.robot.description import Description
 from loco_sim.robot.robot import Robot
 from loco_sim.robot.servo import TorqueDrive
@@ -319,7 +319,7 @@ def _motor(record: Record, robot: Robot, joint: str, told: np.ndarray) -> np.nda
     if not isinstance(drive, TorqueDrive):
         return told
     speed = rates(bridged(q), record.dt) if drive.slope else 0.0
-    return drive.gain * told + drive.bias - drive.slope * speed
+    return drive.motor_torque(told, speed)
 
 
 def _spring(record: Record, robot: Robot, joint: str) -> np.ndarray:
@@ -327,8 +327,7 @@ def _spring(record: Record, robot: Robot, joint: str) -> np.ndarray:
     spring, q = robot.springs.get(joint), bridged(_of(record, "q", joint))
     if spring is None:
         return np.zeros(len(q))
-    row, speed = spring.row(), rates(q, record.dt)
-    return np.array([spring_torque(*at, row) for at in zip(q, speed, strict=True)])
+    return spring_torques(q, rates(q, record.dt), spring.row())
 
 
 def power_of_ten(ratio: float) -> str:

@@ -102,7 +102,7 @@ class Torques:
         """Torque of a drive by its gains in robot.yaml, (T,); NaN if they do not tell it."""
         drive, commands = self.robot.drives.get(self.robot.joints[joint]), self.commands[:, joint]
         if isinstance(drive, TorqueDrive):
-            return drive.gain * commands[:, 0] + drive.bias - drive.slope * self.speed[:, joint]
+            return drive.motor_torque(commands[:, 0], self.speed[:, joint])
         if not isinstance(drive, ImpedanceDrive) or "drives" in self.robot.guessed:
             return np.full(len(commands), np.nan)
         return np.nan_to_num(commands[:, 0]) + commands[:, 1:] @ [drive.kp, drive.kd]

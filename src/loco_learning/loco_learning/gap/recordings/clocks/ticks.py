@@ -80,7 +80,8 @@ def lost(track: Track, axis: np.ndarray) -> np.ndarray:
     """
     step = _step(axis)
     if track.role in TICKS.smooth:
-        on = np.isfinite(_own(track, axis, step))
+        on, (rows, tick) = np.zeros(len(axis), dtype=bool), _closest(track, axis, step)
+        on[tick] = np.isfinite(track.x[rows])
     else:
         row = np.searchsorted(track.t, axis + TICKS.even * step, side="right") - 1
         on = np.abs(axis - track.t[row.clip(0)]) <= TICKS.even * step
@@ -91,16 +92,22 @@ def _step(axis: np.ndarray) -> float:
     return float(axis[-1] - axis[0]) / (len(axis) - 1)
 
 
-def _own(track: Track, axis: np.ndarray, step: float) -> np.ndarray:
-    """Each reading at the closest time, moved there if it is of a motion; NaN elsewhere, (T,)."""
+def _closest(track: Track, axis: np.ndarray, step: float) -> tuple[np.ndarray, np.ndarray]:
+    """Readings that are closest to some time of the axis, and the indices of their times, (K,)."""
     tick = np.floor((track.t - axis[0]) / step + 0.5 - TICKS.even).astype(int)  # halves alike
     rows = np.flatnonzero((tick >= 0) & (tick < len(axis)))
-    values = np.full(len(axis), np.nan)
-    values[tick[rows]] = track.x[rows]
-    late = axis[tick[rows]] - track.t[rows]
+    return rows, tick[rows]
+
+
+def _own(track: Track, axis: np.ndarray, step: float) -> np.ndarray:
+    """Each reading at the closest time, moved there if it is of a motion; NaN elsewhere, (T,)."""
+    rows, tick = _closest(track, axis, step)
+    moved, late = track.x[rows].astype(float), axis[tick] - track.t[rows]
     moves = np.abs(late) > TICKS.even * step
     if track.role in TICKS.smooth and moves.any():
-        values[tick[rows[moves]]] += _change(track, rows[moves], late[moves])
+        moved[moves] += _change(track, rows[moves], late[moves])
+    values = np.full(len(axis), np.nan)
+    values[tick] = moved
     return values
 
 
