@@ -3,23 +3,17 @@
 
 from __future__ import annotations
 
-import importlib
 import signal
 from pathlib import Path
 
-import coverage
 import pytest
 
 from loco_bringup.cli.clone import add_workshop
 from loco_bringup.testing import isolate
 from loco_control.exceptions import MissingPackageError, ParameterError
 from loco_sim.engines import installed
-from loco_sim.world.world import MODULES
 
 from . import quadrupeds
-
-UNTRACED = Path(__file__).with_name("untraced.txt")
-WHOLLY = pytest.StashKey[bool]()  # without coverage, with its fixtures
 
 isolate()  # before anything reads the environment
 add_workshop()  # its packages are imported by tests and by the processes that they start
@@ -57,55 +51,11 @@ def quadruped(tmp_path):
     return lambda name, **more: quadrupeds.write(tmp_path, name, **more)
 
 
-@pytest.fixture(scope="session", autouse=True)
-def _engines(request):
-    """Under coverage engines are loaded here: their first test may be one without it."""
-    for name in installed() if request.config.pluginmanager.hasplugin("_cov") else ():
-        importlib.import_module(MODULES[name], "loco_sim.world")
-
-
-@pytest.fixture(autouse=True)
-def untraced(request, monkeypatch):
-    """The processes of a test without coverage are not traced either."""
-    if request.node.get_closest_marker("no_cover"):
-        monkeypatch.delenv("COVERAGE_PROCESS_CONFIG", raising=False)
-
-
 def pytest_collection_modifyitems(items):
-    """Trace nothing of `UNTRACED`; skip tests that compare with PyBullet where there is none."""
-    without = {UNTRACED.parent / line for line in UNTRACED.read_text().splitlines()}
+    """Skip tests that compare with PyBullet where there is none."""
     for item in items:
-        item.stash[WHOLLY] = not without.isdisjoint((item.path, *item.path.parents))
-        if Path(f"{item.path}::{getattr(item, 'originalname', '')}") in without:
-            item.add_marker(pytest.mark.no_cover)
         if "pybullet" not in installed() and item.get_closest_marker("pybullet"):
             item.add_marker(pytest.mark.skip(reason="compares with PyBullet"))
-
-
-@pytest.hookimpl(tryfirst=True)
-def pytest_sessionstart(session):
-    """End what a worker of pytest-xdist began with, as it would go on in each pause of coverage.
-
-    The environment starts a first coverage, the options of pytest a second one, and pytest-cov now
-    that of the tests; the latest is paused, and the one before it is resumed.
-    """
-    while hasattr(session.config, "workerinput") and (started := coverage.Coverage.current()):
-        started.stop()
-
-
-@pytest.hookimpl(wrapper=True, tryfirst=True)
-def pytest_runtest_protocol(item):
-    """Fixtures of a file without coverage are not traced either."""
-    controller = getattr(item.config.pluginmanager.getplugin("_cov"), "cov_controller", None)
-    if not (controller and item.stash[WHOLLY]):
-        return (yield)
-    with pytest.MonkeyPatch.context() as patch:
-        patch.delenv("COVERAGE_PROCESS_CONFIG", raising=False)
-        controller.pause()
-        try:
-            return (yield)
-        finally:
-            controller.resume()
 
 
 @pytest.hookimpl(wrapper=True)

@@ -8,11 +8,9 @@ import dataclasses
 import fnmatch
 import inspect
 import math
-import multiprocessing
 import re
 import runpy
 import shutil
-import subprocess
 import sys
 import sysconfig
 import xml.etree.ElementTree as ElementTree
@@ -474,24 +472,3 @@ def test_tests_of_a_group_stay_together(request):
     if not getattr(request.config.option, "loadgroup", False):
         pytest.skip("one process, or tests are spread one by one")
     assert request.node.nodeid.endswith("@itself")
-
-
-def test_tests_without_coverage_are_there():
-    lines = (ROOT / "tests/untraced.txt").read_text().splitlines()
-    names = [line.split("::") for line in lines if not line.startswith("#")]
-    assert names == sorted(names)
-    for path, *test in names:
-        assert path and (ROOT / "tests" / path).exists(), path
-        for name in test:
-            assert f"\ndef {name}(" in (ROOT / "tests" / path).read_text(), (path, name)
-
-
-def test_processes_of_a_test_without_coverage_have_none():
-    """Neither those of `multiprocessing`, which coverage can trace by itself, nor others."""
-    assert sys.gettrace() is None
-    code = "import sys; sys.exit(sys.gettrace() is not None)"
-    process = multiprocessing.get_context("spawn").Process(target=exec, args=(code,))
-    process.start()
-    process.join()
-    assert process.exitcode == 0
-    subprocess.run([sys.executable, "-c", code], check=True)

@@ -266,13 +266,16 @@ def test_test_command_passes_arguments_to_pytest(run, monkeypatch):
     assert run("test", "--help")[0] == 5 and calls[1][-1] == "--help"
 
 
-def test_all_tests_begin_with_those_that_compile_without_coverage(run, monkeypatch, repository):
+@pytest.mark.parametrize("words", [[], ["--cov"]])
+def test_all_tests_begin_with_those_that_compile_without_coverage(
+    run, monkeypatch, repository, words
+):
     calls = []
     done = subprocess.CompletedProcess("", 5)
     monkeypatch.setattr(tests.subprocess, "run", lambda c, **k: calls.append(c) or done)
-    assert run("test")[0] == 5
+    assert run("test", *words)[0] == 5
     before, everything = calls
-    assert "--cov" in everything and "--cov" not in before
+    assert ("--cov" in everything) == bool(words) and "--cov" not in before
     files = [word.partition("::")[0] for word in before if word.startswith("tests/")]
     assert files and all((repository / file).is_file() for file in files)
 
