@@ -278,3 +278,19 @@ def test_the_torque_of_a_drive_is_its_command_without_the_spring_beside_it(tmp_p
 def test_the_torque_of_a_geared_motor_is_not_that_of_its_joint():
     torque, _ = Forward(Model("servo_pendulum"), [recorded("servo_pendulum", EXACT)]).drives()
     assert np.isinf(torque).all()
+
+
+def test_in_the_persistence_forecast_each_signal_keeps_its_first_value_in_a_piece():
+    forward = Forward(Model("servo_pendulum"), [recorded("servo_pendulum", EXACT)])
+    (y,), (whole,) = forward.measured, forward.persistence()
+    seen = np.isfinite(y[:, 0])
+    assert set(whole[seen, 0]) == {y[seen, 0][0]}
+    cut = Forward(
+        Model("servo_pendulum"), forward.records, params=ForwardParams(window=0.25, settling=0.0)
+    )
+    (y,), (parts,) = cut.measured, cut.persistence()
+    for piece in cut.starts[0]:
+        rows = slice(piece.row, piece.stop)
+        seen = np.isfinite(y[rows, 0])
+        assert set(parts[rows][seen, 0]) == {y[rows][seen, 0][0]}
+    assert len(cut.starts[0]) > 2 and len(set(parts[np.isfinite(parts)])) > 2

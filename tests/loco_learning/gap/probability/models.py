@@ -32,6 +32,6 @@ def fitted(*laws: Hypothesis | str, rms: float = 0.0, whole: list | None = None)
     """A model with effects that leaves a slow error of a size, or given residuals."""
     parts = tuple(law(one) if isinstance(one, str) else one for one in laws)
     whole = left(rms, rms, rms) if whole is None else whole
-    held = evidence.score(whole[-1:])
+    held = evidence.score([*(np.full_like(r, np.nan) for r in whole[:-1]), whole[-1]])
     values = tuple((h, (1.0,) * len(h.coordinates)) for h in parts)
     return Fitted(values, {}, evidence.rms(whole[:-1]), held, tuple(whole), 0.0)

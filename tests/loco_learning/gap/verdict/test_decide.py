@@ -10,7 +10,15 @@ import pytest
 
 from loco_learning.gap.hypotheses.hypotheses import Hypothesis
 from loco_learning.gap.probability.weights import CRITERION, weigh
-from loco_learning.gap.verdict.decide import AMBIGUOUS, MORE, NAMED, NO_GAP, UNKNOWN, decide
+from loco_learning.gap.verdict.decide import (
+    AMBIGUOUS,
+    MORE,
+    NAMED,
+    NO_GAP,
+    UNKNOWN,
+    References,
+    decide,
+)
 from loco_sim.effects import EFFECTS
 from loco_sim.effects.coordinates import Coordinate
 
@@ -19,10 +27,10 @@ from ..probability.models import fitted, law
 RUBS, VISCOUS, PLAY, LAGS = "coulomb_friction", "viscous_friction", "backlash", "actuator_lag"
 
 
-def decided(base, models, **kwargs):
+def decided(base, models, persistence=(), **kwargs):
     """Decision on the most probable of some models."""
-    weights = weigh([base, *models], 0)
-    return decide(weights, weights.supported(CRITERION.confidence), base, base, **kwargs)
+    weights, references = weigh([base, *models], 0), References(base, base, persistence)
+    return decide(weights, weights.supported(CRITERION.confidence), references, **kwargs)
 
 
 def said(*models, gap=10.0, **kwargs):
@@ -137,7 +145,7 @@ def test_the_sentence_tells_what_is_left():
 
 def test_a_gap_without_a_cause_is_that_of_the_users_model_as_in_the_headline():
     given, base = fitted(rms=12.0), fitted(rms=10.0)
-    found = decide(weigh([base], 0), base, given, base)
+    found = decide(weigh([base], 0), base, References(given, base))
     assert f"the gap of {given.held.rms:.3g} noise" in found.evidence
 
 
@@ -146,5 +154,17 @@ def test_what_leaves_more_is_never_said_to_close_part_of_it():
     base = fitted(rms=5.0)
     worse = replace(fitted(RUBS, rms=7.0), fit_rms=1.0)
     weights = weigh([base, worse], 0)
-    found = decide(weights, worse, base, base)
+    found = decide(weights, worse, References(base, base))
     assert found.verdict == UNKNOWN and "or lowers it" in found.evidence
+
+
+def test_a_share_of_the_gap_is_that_of_the_better_of_the_given_model_and_one_that_does_not_move():
+    """A model that diverges makes any gap large, of which whatever rests closes most."""
+    still = fitted(rms=3.0).whole
+    assert said((2.5, RUBS)).verdict == MORE
+    assert said((2.5, RUBS), persistence=fitted(rms=50.0).whole) == said((2.5, RUBS))
+    found = said((2.5, RUBS), persistence=still)
+    assert found.verdict == UNKNOWN and "keep their first value instead, 2." in found.evidence
+    assert said((2.5, RUBS), gap=1000.0).verdict == NAMED
+    assert said((2.5, RUBS), gap=1000.0, persistence=still).verdict == UNKNOWN
+    assert said((0.0, RUBS), gap=1000.0, persistence=still).verdict == NAMED

@@ -12,7 +12,15 @@ from loco_learning.gap.hypotheses.hypotheses import Hypothesis
 from loco_learning.gap.probability.weights import weigh
 from loco_learning.gap.statistics.leftover import has_gap
 from loco_learning.gap.verdict import judge
-from loco_learning.gap.verdict.decide import AMBIGUOUS, MORE, NAMED, NO_GAP, UNKNOWN, decide
+from loco_learning.gap.verdict.decide import (
+    AMBIGUOUS,
+    MORE,
+    NAMED,
+    NO_GAP,
+    UNKNOWN,
+    References,
+    decide,
+)
 from loco_learning.gap.verdict.estimates import Estimate
 from loco_sim.effects.coordinates import Coordinate
 
@@ -202,7 +210,7 @@ def judged(monkeypatch):
         base = fitted(rms=gap)
         forward = Some(measured=[np.zeros((4, 1))], channels=())
         case = Some(forward=forward, floor=np.ones(1), bends=False,
-                    corrected=lambda specs, overrides: None)  # fmt: skip
+                    corrected=lambda specs, overrides: None, persistence=tuple)  # fmt: skip
         search = Some(
             params=Some(seed=0, accuracy=0.0, free_spread=0.3), nominal={}, setting=None,
             asked=False, adequate=lambda m: not has_gap(m.whole),
@@ -302,7 +310,7 @@ def test_a_model_is_fitted_to_convergence_once_and_again_if_a_better_start_is_fo
 )
 def test_values_on_their_bounds_lower_a_verdict_by_one_step(monkeypatch, explains, crowd, verdict):
     base, best = fitted(rms=9.0), fitted(DRY, rms=0.0 if explains else 2.5)
-    decision = decide(weigh([base, best], 0), best, base, base)
+    decision = decide(weigh([base, best], 0), best, References(base, base))
     surely = {best.parts[0][0].key: (Estimate("torque", 1.0, 0.9, 1.1, most=1.0),)}
     result = judge.Judged(decision, base, base, best, weigh([base, best], 0), surely, (), None)
     monkeypatch.setattr(judge.Judgement, "result", lambda self: result)
@@ -334,7 +342,7 @@ def test_values_of_the_robot_are_the_answer_if_they_alone_explain_a_gap(
     given, base = fitted(rms=gap), fitted(rms=gap if best else 0.0)
     model = fitted(best) if best else base
     weights = weigh([base, fitted(DRY)], 0)
-    decision = decide(weights, model, given, base)
+    decision = decide(weights, model, References(given, base))
     sizes = {h.key: (Estimate("torque", 1.0, 0.9, 1.1),) for h, _ in model.parts}
     result = judge.Judged(decision, given, base, model, weights, sizes, (), None)
     monkeypatch.setattr(judge.Judgement, "result", lambda self: result)

@@ -405,7 +405,7 @@ class Case:
         return [p - b for p, b in zip(predicted, self._bare(step), strict=True)]
 
     def _off_by(self, step: float, full: list[np.ndarray], half: list[np.ndarray]) -> Case:
-        """The case with the step error of a model, whose runs at a step and half of it are apart."""
+        """The case with the step error of a model, from its runs at a step and at half of it."""
         each = zip(self.correction[step], full, half, strict=True)
         error = [np.nan_to_num(c + 2.0 * (h - w)) for c, w, h in each]
         return replace(self, fine=step, correction={**self.correction, step: error}, own=True)
@@ -420,6 +420,11 @@ class Case:
         if step not in self.runs:
             self.runs[step] = self.forward((), self._about({}), step=step)
         return self.runs[step]
+
+    def persistence(self) -> list[np.ndarray]:
+        """Residuals of signals that keep their first value in a piece [floors], (T, C) each."""
+        pairs = zip(self.forward.measured, self.forward.persistence(), self.floors, strict=True)
+        return [evidence.whiten([y], [p], floor)[0] for y, p, floor in pairs]
 
     def masked(
         self, residuals: Sequence[np.ndarray], only: Sequence[int], held: bool

@@ -333,6 +333,21 @@ class Forward:
         rotors = [getattr(robot.drives.get(j), "rotor_inertia", 0.0) for j in robot.joints]
         return np.where(np.greater(rotors, 0.0), np.inf, np.nan_to_num(tau)), np.nan_to_num(dq)
 
+    def persistence(self) -> list[np.ndarray]:
+        """Persistence forecasts: each signal keeps its first value in a piece, (T, C) per record.
+
+        NaN where nothing was measured before.
+        """
+        predictions = []
+        for values, starts in zip(self.measured, self._starts, strict=True):
+            initial = np.full(values.shape, np.nan)
+            for begin, end in [(s.row, s.stop) for s in starts] or [(0, None)]:
+                piece = values[begin:end]
+                first = np.argmax(np.isfinite(piece), axis=0)
+                initial[begin:end] = piece[first, np.arange(piece.shape[1])]
+            predictions.append(initial)
+        return predictions
+
     def begun(self) -> list[list[int]]:
         """Rows at which each record restarts from a measured state, without the first.
 

@@ -129,6 +129,20 @@ def closed_by(before: Sequence[np.ndarray], after: Sequence[np.ndarray]) -> floa
     return 1.0 - math.sqrt(excess(after) / gap) if gap > 1e-9 * count else 0.0
 
 
+def smaller(one: Sequence[np.ndarray], other: Sequence[np.ndarray]) -> tuple[np.ndarray, ...]:
+    """Residuals of the better of two models in each channel of each record.
+
+    Args:
+        one: Whitened residual of a model per record, (T, C), NaN = not measured.
+        other: Whitened residual of the other one, of the same shape; counts where `one` does.
+    """
+    pairs = [(a, np.where(np.isfinite(a), b, np.nan)) for a, b in zip(one, other, strict=True)]
+    return tuple(
+        np.where(np.nansum(np.square(a), axis=0) <= np.nansum(np.square(b), axis=0), a, b)
+        for a, b in pairs
+    )
+
+
 def score(residuals: Sequence[np.ndarray]) -> Score:
     """Score of the residual of a model.
 

@@ -44,6 +44,34 @@ class Ruling:
 
 
 @dataclass(frozen=True)
+class References:
+    """Models without effects, beside which a model with effects is judged.
+
+    Attributes:
+        given: The user's own model.
+        base: The user's model with nominal values refitted.
+        persistence: Whitened residuals of signals that keep their first value, (T, C) per record.
+    """
+
+    given: Fitted
+    base: Fitted
+    persistence: Sequence[np.ndarray] = ()
+
+    @property
+    def held(self) -> Sequence[np.ndarray]:
+        """Held-out residuals of the user's own model, or of persistence where that is better."""
+        return self._better(self.given.held.residuals)
+
+    @property
+    def whole(self) -> Sequence[np.ndarray]:
+        """The same of the model with nominal values refitted, on all data."""
+        return self._better(self.base.whole)
+
+    def _better(self, residuals: Sequence[np.ndarray]) -> Sequence[np.ndarray]:
+        return evidence.smaller(residuals, self.persistence) if self.persistence else residuals
+
+
+@dataclass(frozen=True)
 class Decision:
     """The verdict.
 
@@ -73,8 +101,7 @@ class Decision:
 def decide(
     weights: Weights,
     model: Fitted,
-    given: Fitted,
-    base: Fitted,
+    references: References,
     unsure: Collection[str] = (),
     sliding: Collection[str] = (),
     enough: np.ndarray | None = None,
@@ -85,20 +112,22 @@ def decide(
     Args:
         weights: All models with their probabilities.
         model: The selected one.
-        given: The user's own model.
-        base: The user's model with nominal values refitted.
+        references: Models without effects.
         unsure: Keys of the effects of the selected model whose sizes may be those of absence.
         sliding: Prismatic joints, whose positions are lengths.
         enough: Rms over all records [floors] up to which a channel counts as explained, (C,).
         criterion: Free numbers.
     """
+    given, base = references.given, references.base
     if not model.parts:
         if has_gap(base.whole):
             text = f"No effect tried explains the gap of {given.held.rms:.3g} noise floors."
             return Decision(UNKNOWN, (), False, text)
         text = f"The model explains the data: {base.held.rms:.2f} noise floors."
         return Decision(NO_GAP, (), True, text)
+    largely = closes(model, references, criterion)
     explains = adequate(base.whole, model.whole, enough)
+    explains &= largely or adequate(model.whole, model.whole, enough)  # near the floor by itself
     if explains and _negligible(weights, base, sliding, criterion):
         text = (
             f"The model is {given.held.rms:.2f} noise floors off only because it is sensitive "
@@ -109,23 +138,27 @@ def decide(
         _ruling(weights, model, i, h.key in unsure, criterion)
         for i, (h, _) in enumerate(model.parts)
     )
-    largely = closes(model, given, base, criterion)
     verdict = _overall({r.verdict for r in rulings}, explains, largely)
     loud = None if explains else float(np.nanmax(evidence.by_channel(model.whole)))
     text = _summary(verdict, rulings, loud, given, model)
+    still = evidence.rms(references.held)
+    if verdict == UNKNOWN and still < given.held.rms:
+        text += f" With signals that keep their first value instead, {still:.3g} are left."
     return Decision(verdict, rulings, explains, text)
 
 
-def closes(model: Fitted, given: Fitted, base: Fitted, criterion: Criterion = CRITERION) -> bool:
+def closes(model: Fitted, references: References, criterion: Criterion = CRITERION) -> bool:
     """True if a model closes so much of the gap that its effects may be named beside others.
+
+    A given model that falls or diverges makes any gap large, of which whatever rests closes most:
+    no prediction counts as worse than persistence.
 
     Args:
         model: Model with effects.
-        given: The user's own model.
-        base: The user's model with nominal values refitted.
+        references: Models without effects.
         criterion: Free numbers.
     """
-    pairs = (base.whole, model.whole), (given.held.residuals, model.held.residuals)
+    pairs = (references.whole, model.whole), (references.held, model.held.residuals)
     return all(evidence.closed_by(*pair) >= criterion.closed for pair in pairs)
 
 

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -25,7 +26,7 @@ from ..probability.weights import CRITERION, Criterion, Weights, weigh
 from ..statistics import identify
 from ..statistics.leftover import has_gap
 from . import stable, traded
-from .decide import MORE, NAMED, NO_GAP, UNKNOWN, Decision, closes, decide
+from .decide import MORE, NAMED, NO_GAP, UNKNOWN, Decision, References, closes, decide
 from .estimates import Estimate, absent, alarms
 from .rivals import RIVAL_NAMES, few, leading, look_alikes
 from .sensitivity import sensitivities
@@ -154,6 +155,11 @@ class Judgement:
         self.about: list[dict] | None = None
         self.known: dict[str, tuple[Fitted, tuple]] = {}  # sensitivities of models, by key
 
+    @cached_property
+    def references(self) -> References:
+        """Models without effects, beside which others are judged."""
+        return References(self.found.given, self.found.base, self.case.persistence())
+
     def result(self) -> Judged:
         """The decision on the most probable model."""
         weights = self.weights()
@@ -162,7 +168,7 @@ class Judgement:
         size = np.nanstd(np.concatenate(self.case.forward.measured), axis=0) / self.case.floor
         sliding, enough = slides(self.case.forward.channels), self.search.params.accuracy * size
         about = unsure, sliding, enough, self.criterion
-        decision = decide(weights, model, given, base, *about)
+        decision = decide(weights, model, self.references, *about)
         without = tuple(self.fits[m.key] for m in self.lost.get(model.key, ()))
         evidence = weights, estimates, without, analysis
         return Judged(decision, given, base, model, *evidence, asked=self.search.asked)
@@ -182,7 +188,7 @@ class Judgement:
     def _nameable(self, model: Fitted) -> bool:
         """True if effects of a model can be named, because it explains the data or much of them."""
         aims = self.search.params.accuracy > 0.0 or self.search.adequate(model)
-        return aims or closes(model, self.found.given, self.found.base, self.criterion)
+        return aims or closes(model, self.references, self.criterion)
 
     def _converged(self) -> Weights:
         """Probabilities of all models; those worth mentioning are fitted to convergence first."""
