@@ -91,7 +91,7 @@ def test_a_plant_takes_nothing_from_the_future():
     calls, refused = [], []
     join = TickJoin(
         {"a": Converter(MotionCommand)}, calls.append, PeriodMeter(),
-        newest=lambda: 4, refuse=refused.append,
+        newest=lambda: 4, on_refusal=refused.append,
     )  # fmt: skip
     send, pack = join.receiver("a"), Converter(MotionCommand).pack
     for tick in (3, 5, 900, 4):
@@ -227,7 +227,7 @@ def test_what_a_step_waits_for():
 )
 def test_bytes_that_cannot_be_read_are_refused_in_words_and_may_come_again(error, text):
     told = []
-    pair = Pair(refuse=told.append)
+    pair = Pair(on_refusal=told.append)
     pair.readers["b"].error = error
     pair.hear("a1")
     pair.hear("b1", number=254)
@@ -244,7 +244,7 @@ def test_without_anyone_to_tell_bytes_that_cannot_be_read_raise():
 
 def test_a_number_that_is_not_finite_is_refused_without_a_word():
     told = []
-    pair = Pair(refuse=told.append)
+    pair = Pair(on_refusal=told.append)
     pair.hear("a1")
     assert pair.hear("b1", number=255) == []
     assert (told, pair.join.refused) == ([""], 1)
@@ -266,14 +266,14 @@ def raising(error):
 )  # fmt: skip
 def test_a_controller_without_an_answer_refuses_the_tick(error, text):
     told = []
-    pair = Pair(raising(error), refuse=told.append)
+    pair = Pair(raising(error), on_refusal=told.append)
     pair.hear(both(4))
     assert (told, pair.join.refused) == ([f"no answer at tick 4: {text}"], 1)
     pair.answer = lambda: None
     assert pair.hear(both(5)) == [5]
 
 
-@pytest.mark.parametrize("options", [{}, {"newest": lambda: 9, "refuse": print}])
+@pytest.mark.parametrize("options", [{}, {"newest": lambda: 9, "on_refusal": print}])
 def test_elsewhere_an_error_of_a_step_is_an_error(options):
     with pytest.raises(ZeroDivisionError):
         Pair(raising(ZeroDivisionError()), **options).hear(both(4))

@@ -266,7 +266,7 @@ def test_a_plant_that_has_not_begun_is_ended_by_no_command(bench):
 def test_a_recorder_cannot_be_ahead_of_the_plant(bench, tick):
     plant = Plant(bench, recorded=True, flow_window=2)
     plant.node._on_recorder(RecorderStatus(tick=tick))
-    assert plant.node._refused["recorder_status"] == 1 and plant.node._recorder_tick < tick
+    assert plant.node._n_refused["recorder_status"] == 1 and plant.node._recorder_tick < tick
 
 
 def test_a_command_that_is_not_finite_ends_its_tick_and_no_other(bench):

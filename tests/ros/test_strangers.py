@@ -96,7 +96,7 @@ def test_a_reflex_of_a_network_refuses_junk(bench):
     b = bench(MsdReflexNode, MSD_TOPICS, **values)
     send(b, "node_states", topic("node_states", MSD_TOPICS), junk(
         topic("node_states", MSD_TOPICS).type, rng))  # fmt: skip
-    assert b.node._refused["node_states"] > 0
+    assert b.node._n_refused["node_states"] > 0
 
 
 def test_a_recorder_and_the_node_of_faults_live_through_junk(bench, tmp_path):
@@ -113,7 +113,7 @@ def test_a_recorder_and_the_node_of_faults_live_through_junk(bench, tmp_path):
         late = topic("robot_state").type()
         late.stamp.sec, late.stamp.nanosec, late.tick = -5, 4_000_000_000, 2**64 - 1
         send(b, "robot_state", topic("robot_state"), [serialize_message(late)])
-        b.wait(lambda b=b: sum(b.node._refused.values()) > 0)
+        b.wait(lambda b=b: sum(b.node._n_refused.values()) > 0)
         bench.done()
 
 
@@ -200,8 +200,8 @@ def test_wishes_that_cannot_be_met_are_counted(bench):
     frequency = b.publisher("gait_frequency")
     for value in (1e9, np.nan, -3.0):
         frequency.publish(Float64(data=value))
-        count = sum(b.node._refused.values())
-        b.wait(lambda count=count: sum(b.node._refused.values()) > count)
+        count = sum(b.node._n_refused.values())
+        b.wait(lambda count=count: sum(b.node._n_refused.values()) > count)
     b.wait(lambda: any(e.kind == "message refused" for e in events))
     assert sum(e.kind == "message refused" for e in events) == 1  # a flood makes no flood
 
@@ -242,7 +242,7 @@ def test_no_model_text_ends_the_plant_or_shows_a_file(plant):
         assert "\n" not in last and len(last) < 600, how
         assert "NAME=" not in last and "Linux" not in last  # what /etc/os-release says
     assert b.node.sim is before
-    assert b.node._refused["model"] == len(MODELS)
+    assert b.node._n_refused["model"] == len(MODELS)
 
 
 def test_a_model_in_a_folder_of_the_operator_is_read(bench, tmp_path):

@@ -26,13 +26,13 @@ from .reading import shown
 
 F = TypeVar("F", bound=Callable[..., Any])
 
-_WHOLE = "it"  # name of the whole file in messages
+_FILE = "it"  # name of the whole file in messages
 _LARGEST = 2**63  # integers below this bound fit into arrays and messages
-_WORDS = {
+_TYPE_NAMES = {
     numbers.Real: "a number", bool: "true or false", int: "a whole number", float: "a finite number", str: "a text",
     Any: "any value", type(None): "nothing", dict: "a mapping", list: "a list",
 }  # fmt: skip
-_hints = functools.cache(functools.partial(typing.get_type_hints, include_extras=True))
+_type_hints = functools.cache(functools.partial(typing.get_type_hints, include_extras=True))
 
 
 @dataclass(frozen=True)
@@ -48,7 +48,7 @@ class Naming:
     """Name or path that a file system accepts, as in ``Annotated[str | Path, Naming()]``."""
 
     longest: int = 255  # longest path component [bytes]
-    whole: int = 4095  # longest path [bytes]
+    max_path: int = 4095  # longest path [bytes]
 
 
 def check(value: Any, hint: Any, name: str) -> None:
@@ -78,7 +78,7 @@ def check(value: Any, hint: Any, name: str) -> None:
     elif origin in (collections.abc.Mapping, dict):
         _demand(isinstance(value, collections.abc.Mapping), value, hint, name)
         for key, entry in value.items():
-            _demand(isinstance(key, inner[0]), key, inner[0], f"a key of {name or _WHOLE}")
+            _demand(isinstance(key, inner[0]), key, inner[0], f"a key of {name or _FILE}")
             check(entry, inner[1], _inside(name, shown(key)[1:-1]))
     elif origin in (collections.abc.Sequence, list, tuple):
         _check_list(value, hint, inner, name)
@@ -112,7 +112,7 @@ def keys_of(kind: type, **added: Any) -> Any:
         added: Annotations of further keys, or in place of those of the fields.
     """
     fields = [f.name for f in dataclasses.fields(kind) if f.default is f.default_factory]
-    keys = {name: _in_file(_hints(kind)[name]) for name in fields}
+    keys = {name: _in_file(_type_hints(kind)[name]) for name in fields}
     return typing.TypedDict(kind.__name__, {**keys, **added})  # type: ignore[operator]
 
 
@@ -156,7 +156,7 @@ def _check_marks(value: Any, marks: tuple, name: str) -> None:
         if isinstance(mark, Naming) and isinstance(value, (str, Path)):
             text = str(value)
             longest = max(len(part.encode("utf-8", "replace")) for part in text.split("/"))
-            if not text or "\0" in text or longest > mark.longest or len(text) > mark.whole:
+            if not text or "\0" in text or longest > mark.longest or len(text) > mark.max_path:
                 raise ParameterError(
                     f"{name} must be a name or path, with at most {mark.longest} bytes between "
                     f"two / and without null bytes, got {shown(text)}"
@@ -167,10 +167,10 @@ def _check_marks(value: Any, marks: tuple, name: str) -> None:
             )
 
 
-def _check_union(value: Any, hint: Any, kinds: tuple, name: str) -> None:
+def _check_union(value: Any, hint: Any, types: tuple, name: str) -> None:
     """Refuse a value that fits no member of a union, with the error of the closest member."""
     deeper = None
-    for kind in kinds:
+    for kind in types:
         try:
             return check(value, kind, name)
         except ParameterError as error:
@@ -183,11 +183,11 @@ def _check_union(value: Any, hint: Any, kinds: tuple, name: str) -> None:
 
 def _check_keys(value: Any, hint: Any, name: str) -> None:
     _demand(isinstance(value, dict), value, dict, name)
-    for key, kind in _hints(hint).items():
+    for key, kind in _type_hints(hint).items():
         if key in value:
             check(value[key], kind, _inside(name, key))
         elif key in hint.__required_keys__:
-            raise ParameterError(f"{name or _WHOLE} lacks the key {key!r}, wanted is {words(kind)}")
+            raise ParameterError(f"{name or _FILE} lacks the key {key!r}, wanted is {phrase(kind)}")
 
 
 def _check_list(value: Any, hint: Any, inner: tuple, name: str) -> None:
@@ -209,30 +209,30 @@ def _demand(right: bool, value: Any, hint: Any, name: str) -> None:
 
 
 def _wrong(value: Any, hint: Any, name: str) -> ParameterError:
-    error = ParameterError(f"{name or _WHOLE} must be {words(hint)}, got {shown(value)}")
+    error = ParameterError(f"{name or _FILE} must be {phrase(hint)}, got {shown(value)}")
     error.place = name  # type: ignore[attr-defined]
     return error
 
 
-def words(hint: Any) -> str:
+def phrase(hint: Any) -> str:
     """Description of the values that an annotation allows, for messages."""
     origin, inner = typing.get_origin(hint), typing.get_args(hint)
     if origin is typing.Annotated:
-        return words(inner[0])
+        return phrase(inner[0])
     if origin in (typing.Union, types.UnionType):
-        return " or ".join(dict.fromkeys(words(kind) for kind in inner))
+        return " or ".join(dict.fromkeys(phrase(kind) for kind in inner))
     if origin is typing.Literal:
         return f"one of {', '.join(map(repr, inner))}"
     if origin in (collections.abc.Mapping, dict) or typing.is_typeddict(hint):
         return "a mapping"
     if origin in (collections.abc.Sequence, list, tuple):
-        return f"a list, each {words(inner[0])}" if inner else "a list"
+        return f"a list, each {phrase(inner[0])}" if inner else "a list"
     if origin is collections.abc.Callable:
         count = len(inner[0]) if isinstance(inner[0], list) else 0
         return f"a function of {count} values" if count else "a function"
     if isinstance(hint, type) and issubclass(hint, os.PathLike):
         return "a path"
-    return _WORDS.get(hint) or f"a {getattr(hint, '__name__', hint)}"
+    return _TYPE_NAMES.get(hint) or f"a {getattr(hint, '__name__', hint)}"
 
 
 def checked(function: F) -> F:
@@ -244,10 +244,10 @@ def checked(function: F) -> F:
     signature = inspect.signature(function)
 
     @functools.wraps(function)
-    def run(*arguments: Any, **more: Any) -> Any:
-        type_hints = {"self": Any, **_hints(function)}
+    def run(*arguments: Any, **keywords: Any) -> Any:
+        type_hints = {"self": Any, **_type_hints(function)}
         try:
-            bound = signature.bind(*arguments, **more)
+            bound = signature.bind(*arguments, **keywords)
         except TypeError as error:
             raise ParameterError(f"{function.__name__}: {error}") from None
         for name, value in bound.arguments.items():
@@ -257,6 +257,6 @@ def checked(function: F) -> F:
                 inspect.Parameter.VAR_POSITIONAL: tuple[type_hints[name], ...],
             }
             check(value, several.get(kind, type_hints[name]), name)
-        return function(*arguments, **more)
+        return function(*arguments, **keywords)
 
     return run  # type: ignore[return-value]

@@ -13,8 +13,8 @@ from collections.abc import Iterable
 from typing import Any
 
 MOST = 200  # longest value in a message [characters]
-SHOWN = 60  # default number of characters of a value in `shown`
-_WHOLE = 2000  # longest message [characters]
+DEFAULT_LENGTH = 60  # default number of characters of a value in `shown`
+_MAX_MESSAGE = 2000  # longest message [characters]
 _TAIL = 79  # characters retained from the end of a cut value: the name of a file
 # Quoted texts, and words; an apostrophe within a word does not begin a quotation.
 _VALUE = re.compile(
@@ -23,13 +23,13 @@ _VALUE = re.compile(
 _OPEN, _CLOSE = "[{", "]}"
 
 
-def cut(text: str, most: int = MOST) -> str:
-    """A text of at most `most` characters, with a mark where its middle was removed."""
-    tail = min(_TAIL, most // 2)
-    return text if len(text) <= most else f"{text[: most - tail - 1]}…{text[-tail:]}"
+def cut(text: str, max_length: int = MOST) -> str:
+    """A text of at most `max_length` characters, with a mark where its middle was removed."""
+    tail = min(_TAIL, max_length // 2)
+    return text if len(text) <= max_length else f"{text[: max_length - tail - 1]}…{text[-tail:]}"
 
 
-def shown(value: Any, max_length: int = SHOWN) -> str:
+def shown(value: Any, max_length: int = DEFAULT_LENGTH) -> str:
     """The repr of a value for a message, cut after `max_length` characters."""
     if isinstance(value, (str, bytes)):
         value = value[: max_length + 1]  # the repr of a large value takes long
@@ -57,7 +57,7 @@ def short(message: str) -> str:
                 parts.append(cut(message[start : at + 1]))
                 start = at + 1
     parts.append(cut(message[start:]) if depth else message[start:])
-    return cut(_VALUE.sub(lambda match: cut(match[0]), "".join(parts)), _WHOLE)
+    return cut(_VALUE.sub(lambda match: cut(match[0]), "".join(parts)), _MAX_MESSAGE)
 
 
 class LocoError(Exception):
@@ -93,7 +93,7 @@ class NameUnknownError(LocoError, KeyError):
         return str(self.args[0])
 
     def __reduce__(self) -> tuple:  # the message survives pickling between worker processes
-        return _again, (type(self), self.args)
+        return _restore, (type(self), self.args)
 
 
 class MissingFileError(LocoError, FileNotFoundError):
@@ -118,7 +118,7 @@ class DivergedError(LocoError, ArithmeticError):
     """The simulated state is no longer finite."""
 
 
-def _again(kind: type[LocoError], arguments: tuple) -> LocoError:
+def _restore(kind: type[LocoError], arguments: tuple) -> LocoError:
     """The error of a pickled class and its arguments."""
     error = kind.__new__(kind)
     error.args = arguments

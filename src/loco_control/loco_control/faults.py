@@ -122,8 +122,8 @@ class Freeze(Fault, kind="freeze"):
 
     def hit(self, data: bytes, memory: Memory) -> list[bytes]:
         """The repeated message."""
-        memory.kept = data if memory.kept is None else memory.kept
-        return [memory.kept]
+        memory.stored = data if memory.stored is None else memory.stored
+        return [memory.stored]
 
 
 @dataclass(frozen=True)
@@ -143,8 +143,8 @@ class Stuck(Fault, kind="stuck", needs="numbers"):
 
     def hit(self, data: bytes, memory: Memory) -> list[bytes]:
         """The message with the frozen numbers."""
-        memory.kept = data if memory.kept is None else memory.kept
-        return [memory.body.with_numbers(data, memory.kept)]
+        memory.stored = data if memory.stored is None else memory.stored
+        return [memory.body.with_numbers(data, memory.stored)]
 
 
 class Memory:
@@ -157,7 +157,7 @@ class Memory:
 
     Attributes:
         held: Messages that are held back, oldest first.
-        kept: Message that is repeated.
+        stored: Message that is repeated.
     """
 
     def __init__(self, fault: Fault, topic: str, body: Body):
@@ -165,7 +165,7 @@ class Memory:
         key = zlib.crc32(f"{topic} {fault.kind} {fault.start:g}".encode())
         self._rng = np.random.default_rng([fault.seed, key])
         self.held: list[bytes] = []
-        self.kept: bytes | None = None
+        self.stored: bytes | None = None
 
     def feed(self, messages: list[bytes], t: float) -> list[bytes]:
         """Messages to publish for `messages`, written at simulated time t [s]."""

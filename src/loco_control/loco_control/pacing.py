@@ -21,16 +21,16 @@ class Lateness:
     """Histogram of the lateness of ticks, with constant memory.
 
     Attributes:
-        worst: Largest lateness [s].
+        maximum: Largest lateness [s].
     """
 
     def __init__(self) -> None:
         self._counts = np.zeros(_PER_DECADE * _DECADES + 1, dtype=np.int64)
-        self.worst = 0.0
+        self.maximum = 0.0
 
     def add(self, late: float) -> None:
         """Count a tick that began `late` [s] after it was due."""
-        self.worst = max(self.worst, late)
+        self.maximum = max(self.maximum, late)
         bin_ = math.log10(max(late, _FINE) / _FINE) * _PER_DECADE
         self._counts[min(int(bin_), len(self._counts) - 1)] += 1
 
@@ -40,7 +40,7 @@ class Lateness:
         if not total:
             return 0.0
         bin_ = int(np.searchsorted(np.cumsum(self._counts), share * total))
-        return min(_FINE * 10.0 ** ((bin_ + 1) / _PER_DECADE), self.worst)
+        return min(_FINE * 10.0 ** ((bin_ + 1) / _PER_DECADE), self.maximum)
 
 
 class Deadlines:
@@ -93,7 +93,7 @@ class Deadlines:
         return {
             "lateness_p50_ms": 1e3 * late.quantile(0.5),
             "lateness_p99_ms": 1e3 * late.quantile(0.99),
-            "lateness_max_ms": 1e3 * late.worst,
+            "lateness_max_ms": 1e3 * late.maximum,
             "missed_ticks": self.missed,
             "dropped_ticks": self.dropped,
         }

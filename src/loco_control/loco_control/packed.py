@@ -18,16 +18,16 @@ FREE = 64 * 2**20  # bytes that any file may unpack to: a log of constants compr
 RATIO = 100  # largest ratio of unpacked to packed size of larger files
 MOST_BYTES = 2**30  # largest size of a file, packed or unpacked [bytes]
 _MEMBERS = 100_000  # largest number of files in a zip
-_KINDS = "biufcUS"  # accepted kinds of NumPy types: numbers, booleans and texts
+_DTYPE_KINDS = "biufcUS"  # accepted kinds of NumPy types: numbers, booleans and texts
 
 
-def room(size: int) -> int:
+def limit(size: int) -> int:
     """Largest unpacked size of a packed file of this size, both in bytes."""
     return min(MOST_BYTES, max(FREE, RATIO * size))
 
 
 def check_room(filled: int, size: int) -> None:
-    """Refuse contents larger than `room`.
+    """Refuse contents larger than `limit`.
 
     Args:
         filled: Size once unpacked [bytes].
@@ -36,9 +36,9 @@ def check_room(filled: int, size: int) -> None:
     Raises:
         ValueError: The contents are larger.
     """
-    if filled > room(size):
+    if filled > limit(size):
         raise ValueError(
-            f"unpacked it has {filled} bytes, at most {room(size)} are unpacked of {size}"
+            f"unpacked it has {filled} bytes, at most {limit(size)} are unpacked of {size}"
         )
 
 
@@ -46,7 +46,7 @@ def unzip(data: bytes) -> dict[str, bytes]:
     """Contents of each file in a zip, by name.
 
     Raises:
-        ValueError: The contents exceed `room`, or use a compression method other than deflation.
+        ValueError: The contents exceed `limit`, or use a compression method other than deflation.
         zipfile.BadZipFile: The data is not a zip, or a checksum is wrong.
     """
     with zipfile.ZipFile(io.BytesIO(data)) as files:
@@ -76,7 +76,7 @@ def array(data: bytes) -> np.ndarray:
     head = (np.lib.format.read_array_header_1_0 if version == (1, 0)
             else np.lib.format.read_array_header_2_0)  # fmt: skip
     shape, by_columns, kind = head(file)
-    if kind.kind not in _KINDS or not kind.itemsize:
+    if kind.kind not in _DTYPE_KINDS or not kind.itemsize:
         raise ValueError(f"an array holds {kind}, read are numbers and texts")
     count, rest = 1, len(data) - file.tell()
     for number in shape:

@@ -79,15 +79,15 @@ def read_bytes(path: str | Path, what: str = "file", max_size: int = MOST_BYTES)
     except MissingFileError:
         raise
     except (OSError, ValueError) as error:  # ValueError: a name with a NUL in it
-        raise MissingFileError(f"{what} {shown(str(path))} cannot be read: {_why(error)}") from None
+        raise MissingFileError(f"{what} {shown(str(path))} cannot be read: {_msg(error)}") from None
     _check_size(path, len(data), max_size)
     if path.suffix.lower() == ".gz":
-        max_size = min(max_size, packed.room(len(data)))
+        max_size = min(max_size, packed.limit(len(data)))
         try:
             with gzip.open(io.BytesIO(data)) as file:
                 data = file.read(max_size + 1)
         except _BROKEN as error:
-            raise ParameterError(f"{path} is not a gzip file: {_why(error)}") from None
+            raise ParameterError(f"{path} is not a gzip file: {_msg(error)}") from None
         _check_size(path, len(data), max_size, " decompressed")
     return data
 
@@ -140,7 +140,7 @@ def read_npz(path: str | Path, what: str = "file") -> dict[str, np.ndarray]:
         files = packed.unzip(data)
         return {name.removesuffix(".npy"): packed.array(inside) for name, inside in files.items()}
     except _BROKEN as error:
-        raise ParameterError(f"{path} is not a {what}: {_why(error)}") from None
+        raise ParameterError(f"{path} is not a {what}: {_msg(error)}") from None
 
 
 # ---- texts
@@ -192,7 +192,7 @@ def parse_yaml(text: str, source: str | Path, max_size: int = MOST_YAML) -> Any:
         problem = getattr(error, "problem", None) or getattr(error, "reason", None) or error
         raise ParameterError(f"{source}{line} is not YAML: {_line(problem)}") from None
     except _BROKEN as error:
-        raise ParameterError(f"{source} is not YAML: {_why(error)}") from None
+        raise ParameterError(f"{source} is not YAML: {_msg(error)}") from None
     finally:
         if loader is not None:
             loader.dispose()
@@ -215,7 +215,7 @@ def parse_json(text: str, source: str | Path) -> Any:
     except RecursionError:
         raise ParameterError(f"{source} is not JSON: it is nested too deeply") from None
     except _BROKEN as error:
-        raise ParameterError(f"{source} is not JSON: {_why(error)}") from None
+        raise ParameterError(f"{source} is not JSON: {_msg(error)}") from None
 
 
 def parse_csv(lines: Iterable[str], source: str | Path, **format: Any) -> list[list[str]]:
@@ -234,7 +234,7 @@ def parse_csv(lines: Iterable[str], source: str | Path, **format: Any) -> list[l
     try:
         rows.extend(reader)
     except _BROKEN as error:
-        raise ParameterError(f"{source}, line {reader.line_num}: {_why(error)}") from None
+        raise ParameterError(f"{source}, line {reader.line_num}: {_msg(error)}") from None
     return rows
 
 
@@ -271,7 +271,7 @@ def understanding(source: Any, what: str) -> Iterator[None]:
     except LocoError:
         raise
     except _BROKEN as error:
-        raise ParameterError(f"{shown(str(source), 200)} is not a {what}: {_why(error)}") from error
+        raise ParameterError(f"{shown(str(source), 200)} is not a {what}: {_msg(error)}") from error
 
 
 # ---- names
@@ -406,7 +406,7 @@ def _check_size(path: str | Path, size: int, max_size: int, how: str = "") -> No
         )
 
 
-def _why(error: BaseException) -> str:
+def _msg(error: BaseException) -> str:
     """Reason of an error, in one line."""
     if isinstance(error, OSError) and error.strerror:
         return error.strerror

@@ -23,14 +23,14 @@ def sampled(motion, dt=1e-3, seconds=20.0):
     return t, np.array(x), np.array(dx)
 
 
-@pytest.mark.parametrize("kind", excitation.KINDS)
+@pytest.mark.parametrize("kind", excitation.WAVEFORMS)
 def test_values_stay_between_one_and_minus_one_and_use_the_room(kind):
     _, x, _ = sampled(MOTIONS[kind])
     assert np.abs(x).max() <= 1.0 + 1e-9
     assert np.abs(x).max(axis=0) == pytest.approx(1.0, abs=0.01)
 
 
-@pytest.mark.parametrize("kind", excitation.KINDS)
+@pytest.mark.parametrize("kind", excitation.WAVEFORMS)
 def test_the_derivative_integrates_to_the_values(kind):
     t, x, dx = sampled(MOTIONS[kind], dt=2e-4, seconds=9.0)
     summed = np.concatenate(
@@ -71,7 +71,7 @@ def test_a_rise_longer_than_the_level_still_meets_it():
     assert after[0] == pytest.approx(before[0], abs=0.01)
 
 
-@pytest.mark.parametrize("kind", excitation.KINDS)
+@pytest.mark.parametrize("kind", excitation.WAVEFORMS)
 def test_oscillators_of_these_kinds_swing_about_the_offset(kind):
     params = CpgParams(
         kind=kind, amplitude=(0.3, 0.1), offset=(0.5, -0.5), ramp=0.0, start_time=0.5,

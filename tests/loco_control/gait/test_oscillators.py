@@ -8,7 +8,7 @@ import pytest
 
 from loco_control.exceptions import NameUnknownError, ParameterError
 from loco_control.gait import oscillator_kernels as kernels
-from loco_control.gait.oscillators import KINDS, PATTERNS, Cpg, CpgParams, pattern
+from loco_control.gait.oscillators import EQUATIONS, PATTERNS, Cpg, CpgParams, pattern
 
 DT = 0.01
 OSCILLATORS = ("amplitude_phase", "righetti")
@@ -109,7 +109,7 @@ def test_a_sine_is_the_law_of_its_parameters():
     np.testing.assert_allclose(q[:, 1], 0.35 + 0.8 * np.cos(2.0 * np.pi * 0.3 * t), atol=1e-12)
 
 
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("kind", EQUATIONS)
 def test_reset_starts_the_same_motion_again(kind):
     cpg = Cpg(CpgParams(kind=kind, phase=(0.0, 0.3)), 2, DT)
     first = run(cpg, 2.0)

@@ -21,7 +21,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-KINDS = ("chirp", "triangle", "steps")
+WAVEFORMS = ("chirp", "triangle", "steps")
 
 Motion = tuple[np.ndarray, np.ndarray]  # values in [-1, 1] and their derivatives [1/s], (m,) each
 

@@ -161,15 +161,15 @@ class TargetGenerator:
         )
         self.reset()
         at_rest = (self.standing, np.zeros(12), UPRIGHT, np.zeros(3), np.ones(4, dtype=bool))
-        self._target(True, *self._answers(*at_rest))  # compile now, not in the first tick
+        self._target(True, *self._responses(*at_rest))  # compile now, not in the first tick
         self.reset()
 
     def reset(self) -> None:
         """Return to standing at time 0 and discard changes made by `set`."""
         self._goal = self.params.replace(schedule=None)
         self._changes = list(self._schedule)
-        self._wanted = self._vector(self._goal)
-        gait = self._wanted.copy()
+        self._setpoint = self._vector(self._goal)
+        gait = self._setpoint.copy()
         gait[[self._cpg.SPEED, self._cpg.LATERAL, self._cpg.YAW]] = 0.0
         self._error, self._stance = np.zeros(2), np.ones(4, dtype=bool)
         self._memory = (self._cpg.seed_state(self._offsets), np.zeros((4, 3)), gait, gait.copy())
@@ -182,7 +182,7 @@ class TargetGenerator:
             ParameterError: The value is out of range, or its steps exceed the reach of the legs.
         """
         goal = self._goal.replace(**_live(changes))
-        self._wanted = self._vector(goal)
+        self._setpoint = self._vector(goal)
         self._goal = goal
 
     def follow(self, speed: float, lateral_speed: float, yaw_rate: float) -> dict[str, float]:
@@ -226,15 +226,15 @@ class TargetGenerator:
         while self._changes and state.t >= self._changes[0][0] - 0.5 * self.dt:
             self.set(**self._changes.pop(0)[1])
         moving = state.t >= self.params.start_time - 0.5 * self.dt
-        answers = (np.zeros(2), np.zeros(2))
+        responses = (np.zeros(2), np.zeros(2))
         if moving:
             sensed = (state.q, state.dq, state.orientation, state.angular_velocity)
-            answers = self._answers(*sensed, self._stance & state.contact)
-        target = GaitTarget(state.tick, state.t, *self._target(moving, *answers))
+            responses = self._responses(*sensed, self._stance & state.contact)
+        target = GaitTarget(state.tick, state.t, *self._target(moving, *responses))
         self._stance = target.stance
         return target
 
-    def _answers(
+    def _responses(
         self,
         q: np.ndarray,
         dq: np.ndarray,
@@ -258,7 +258,7 @@ class TargetGenerator:
         return shift, lean
 
     def _target(self, moving: bool, shift: np.ndarray, lean: np.ndarray) -> tuple:
-        return self._cpg.target(moving, self._memory, shift, lean, self._wanted, *self._constants)
+        return self._cpg.target(moving, self._memory, shift, lean, self._setpoint, *self._constants)
 
     def _planned(self, params: GaitParams) -> list[tuple[float, dict[str, float]]]:
         """Times and changes of the schedule in order; raises if a step is out of reach."""

@@ -37,7 +37,7 @@ from ..params import Params, parameter
 from . import excitation
 
 OSCILLATORS = ("amplitude_phase", "righetti")
-KINDS = (*OSCILLATORS, "sine", *excitation.KINDS)
+EQUATIONS = (*OSCILLATORS, "sine", *excitation.WAVEFORMS)
 PATTERNS = {  # phase of lf rf lh rh [strides]
     "walk": (0.0, 0.5, 0.5, 0.0),  # diagonal legs together, as in thesis section 5.3.2.2
     "bound": (0.0, 0.0, 0.5, 0.5),  # the front pair, then the hind pair
@@ -56,7 +56,7 @@ def _per_joint(
 class CpgParams(Params):
     """Motion of the driven joints; lists have one value for all joints or one for each."""
 
-    kind: str = parameter("amplitude_phase", "equations of the oscillators", choices=KINDS)
+    kind: str = parameter("amplitude_phase", "equations of the oscillators", choices=EQUATIONS)
     frequency: float = parameter(1.0, "strides per second", "Hz", low=0.02, high=10.0)
     amplitude: tuple[float, ...] = _per_joint(0.35, "half the swing of the joint")
     offset: tuple[float, ...] = _per_joint(0.0, "middle of the swing, held before the start")

@@ -22,7 +22,7 @@ COLUMNS = (
     *("haa_sign", "hfe_sign", "kfe_sign"),  # +1 or -1
     *("haa_zero", "hfe_zero", "kfe_zero"),  # URDF angle at which the canonical one is 0 [rad]
 )
-HIP_X, HIP_Y, HIP_Z, SIDE, DOWN, THIGH, SHANK, KNEE, BENT, STRAIGHT = range(10)
+HIP_X, HIP_Y, HIP_Z, SIDE, DOWN, THIGH, SHANK, KNEE, FLEXED, EXTENDED = range(10)
 SIGN, ZERO = 10, 13  # first of three columns for the sign and for the zero angle
 
 
@@ -55,7 +55,7 @@ class LegGeometry(Params):
         legs[:, HIP_X], legs[:, HIP_Y] = self.hip_x * FRONT, self.hip_y
         legs[:, DOWN : SHANK + 1] = self.hip_length, self.thigh_length, self.shank_length
         legs[:, KNEE], legs[:, SIGN : SIGN + 3] = -FRONT, 1.0
-        legs[:, BENT], legs[:, STRAIGHT] = (math.cos(angle) for angle in self.kfe_range)
+        legs[:, FLEXED], legs[:, EXTENDED] = (math.cos(angle) for angle in self.kfe_range)
         return legs
 
 

@@ -30,8 +30,9 @@ from numba import njit
 from ..exceptions import ParameterError
 from ..names import LEGS
 from .geometry import (
-    BENT,
     DOWN,
+    EXTENDED,
+    FLEXED,
     HIP_X,
     HIP_Y,
     HIP_Z,
@@ -41,7 +42,6 @@ from .geometry import (
     SHANK,
     SIDE,
     SIGN,
-    STRAIGHT,
     THIGH,
     ZERO,
     LegGeometry,
@@ -78,7 +78,7 @@ def joint_position(feet: np.ndarray, legs: np.ndarray = HYQ) -> np.ndarray:
     missed = np.linalg.norm(foot_position(q, legs) - feet, axis=1)
     index = int(np.argmax(missed))
     if not missed[index] < 1e-6:
-        knee = np.arccos(legs[index, [STRAIGHT, BENT]]).round(3).tolist()
+        knee = np.arccos(legs[index, [EXTENDED, FLEXED]]).round(3).tolist()
         raise ParameterError(
             f"foot {LEGS[index]} at {np.round(feet[index], 4).tolist()} m in the base frame is out "
             f"of reach by {missed[index]:.3g} m (the knee bends by {knee[0]} to {knee[1]} rad)"
@@ -141,7 +141,7 @@ def inverse(feet, velocity, legs):
         haa = math.atan2(out, -z) + math.atan2(side, below)
         length = below - l0
         cos_knee = (x * x + length * length - l1 * l1 - l2 * l2) / (2.0 * l1 * l2)
-        kfe = row[KNEE] * math.acos(min(max(cos_knee, row[BENT]), row[STRAIGHT]))
+        kfe = row[KNEE] * math.acos(min(max(cos_knee, row[FLEXED]), row[EXTENDED]))
         hfe = math.atan2(-x, length) - math.atan2(l2 * math.sin(kfe), l1 + l2 * math.cos(kfe))
         v_x, sin_haa, cos_haa = velocity[leg, 0], math.sin(haa), math.cos(haa)
         d_haa = (cos_haa * v_out + sin_haa * velocity[leg, 2]) / below

@@ -67,7 +67,7 @@ class Post:
         publisher = _Publisher(*args, **kwargs)
         name, qos = publisher.topic_name, publisher.qos_profile
         if qos.durability == DurabilityPolicy.TRANSIENT_LOCAL:
-            publisher.kept = self._latched.setdefault(name, deque(maxlen=qos.depth))
+            publisher.latched = self._latched.setdefault(name, deque(maxlen=qos.depth))
         publisher.post, publisher.readers = self, self._readers.setdefault(name, [])
         self._writers[name] = self.writers(name) + 1
         return publisher
@@ -125,18 +125,18 @@ class _Publisher(Publisher):
 
     post: Post
     readers: list[Callable[[bytes], None]]
-    kept: deque[bytes] | None = None
+    latched: deque[bytes] | None = None
 
     def publish(self, message: Any) -> None:
         """Publish a message, or the bytes of one."""
         super().publish(message)
-        if self.readers or self.kept is not None:
-            self.tell(message if isinstance(message, bytes) else serialize_message(message))
+        if self.readers or self.latched is not None:
+            self.deliver(message if isinstance(message, bytes) else serialize_message(message))
 
-    def tell(self, data: bytes) -> None:
+    def deliver(self, data: bytes) -> None:
         """Queue a message for the readers in this process only."""
-        if self.kept is not None:
-            self.kept.append(data)
+        if self.latched is not None:
+            self.latched.append(data)
         if self.readers:
             self.post.put(self.readers, data)
 
@@ -154,7 +154,7 @@ def raw(publisher: Publisher) -> Callable[[bytes], None]:
     send = publisher.handle.publish_raw
     if not isinstance(publisher, _Publisher):
         return send
-    deliver = publisher.tell
+    deliver = publisher.deliver
 
     def publish(data: bytes) -> None:
         send(data)

@@ -38,7 +38,7 @@ class TickJoin:
             means that the plant's clock was reset. A message more than a tick ahead of the first
             topic waits, since the first topic may be late; if another message of its topic
             arrives before that tick, its clock was wrong and it is stale.
-        refuse: Function called with the reason when a tick is refused: an error message, or ""
+        on_refusal: Function called with the reason when a tick is refused: an error message, or ""
             for numbers that are not finite; without it an error is raised. If it is given without
             `newest`, by controllers, numbers for which `step` has no solution are refused, too.
     """
@@ -50,11 +50,11 @@ class TickJoin:
         meter: PeriodMeter,
         tick_of: Callable[[bytes], int] = loco_tick,
         newest: Callable[[], int] | None = None,
-        refuse: Callable[[str], None] | None = None,
+        on_refusal: Callable[[str], None] | None = None,
     ):
         self._readers, self._tick_of = readers, tick_of
         self._step, self._meter = step, meter
-        self._newest, self._refuse = newest, refuse
+        self._newest, self._on_refusal = newest, on_refusal
         self._waiting: dict[str, dict[int, bytes]] = {name: {} for name in readers}  # by tick
         self._last_tick = -1  # tick of the message received last
         self._period = 0  # smallest difference between two ticks, 0: unknown
@@ -115,13 +115,13 @@ class TickJoin:
             try:
                 values.append(self._readers[name].read(data))
             except Exception as error:  # of loco, of rclpy, or any other caused by these bytes
-                if self._refuse is None:
+                if self._on_refusal is None:
                     raise
                 self.refused += 1
                 for messages in self._waiting.values():
                     del messages[tick]  # a repeated message may be valid
                 is_loco_error = isinstance(error, LocoError)
-                self._refuse(
+                self._on_refusal(
                     str(error) if is_loco_error else f"{name}: {len(data)} bytes cannot be read"
                 )
                 return
@@ -134,15 +134,15 @@ class TickJoin:
         checked = zip(readers, messages_of_tick, values, strict=True)
         if not all(reader.finite(data, value) for reader, data, value in checked):
             self.refused += 1
-            if self._refuse is not None:
-                self._refuse("")
+            if self._on_refusal is not None:
+                self._on_refusal("")
             return
         self._meter.mark()
-        if self._newest is not None or self._refuse is None:
+        if self._newest is not None or self._on_refusal is None:
             self._step(*values)
             return
         try:
             self._step(*values)
         except (ArithmeticError, np.linalg.LinAlgError) as error:
             self.refused += 1
-            self._refuse(f"no answer at tick {tick}: {str(error) or type(error).__name__}")
+            self._on_refusal(f"no answer at tick {tick}: {str(error) or type(error).__name__}")

@@ -72,7 +72,7 @@ class LocoNode(Node):
                 f"{name} is told that faults damage {', '.join(sorted(self.faulted))}; that needs "
                 "the parameter allow_faults:=true"
             )
-        self._refused: dict[str, int] = {}  # number of refused messages by topic
+        self._n_refused: dict[str, int] = {}  # number of refused messages by topic
         self._reason = ""  # reason of the newest refusal
         self._reported_refused = 0  # count at the last report
         self._outputs: dict[str, Any] = {}
@@ -176,8 +176,8 @@ class LocoNode(Node):
             name: Name of the topic.
             reason: Human-readable reason.
         """
-        repeated = name in self._refused
-        self._refused[name] = self._refused.get(name, 0) + 1
+        repeated = name in self._n_refused
+        self._n_refused[name] = self._n_refused.get(name, 0) + 1
         self._reason = f"{name}: {reason}"
         if not repeated:
             self.event("message refused", self._reason)
@@ -200,8 +200,8 @@ class LocoNode(Node):
             readers: Object per topic whose `read` decodes its bytes.
             step: Function called with the decoded messages, in the order of `readers`.
             tick_of: Function that extracts the tick from the bytes of a message.
-            limits: `newest` and `refuse` of `TickJoin`; by default the node's `refuse` is called
-                for an invalid tick.
+            limits: `newest` and `on_refusal` of `TickJoin`; by default the node's `refuse` is
+                called for an invalid tick.
         """
         if not limits:
             limits = None, lambda reason: self.refuse(" + ".join(readers), reason or _NO_NUMBERS)
@@ -333,7 +333,7 @@ class LocoNode(Node):
 
     def _refusals(self) -> dict[str, Any]:
         """Number of refused messages, in total and since the last report, and the newest reason."""
-        total = sum(self._refused.values())
+        total = sum(self._n_refused.values())
         new, self._reported_refused = total - self._reported_refused, total
         values: dict[str, Any] = {"refused_messages": total, "refused": new}
         return values | ({"refused_last": self._reason} if total else {})

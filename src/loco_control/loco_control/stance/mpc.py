@@ -30,7 +30,7 @@ from ..types import GaitTarget, RobotState
 STATES, ROWS = 12, 5  # values of a state; constraints of a foot, the last is its normal force
 # OSQP: tolerance in units of the weight, most iterations, iterations between adaptations
 TOLERANCE, ITERATIONS, ADAPTATION = 1e-4, 400, 25
-EARLY = 1e-6  # a plan may be made earlier by this, for rounding [s]
+TIME_TOLERANCE = 1e-6  # a plan may be made earlier by this, for rounding [s]
 
 
 @dataclass(frozen=True)
@@ -194,12 +194,12 @@ class MpcTrunk:
         if (stance & state.contact).any():  # else the last velocity remains
             base = -velocity[stance & state.contact].mean(axis=0)
             self._velocity = base + np.cross(spin, centre)
-        if state.t > self._due - EARLY or (stance != self._stance).any():
+        if state.t > self._due - TIME_TOLERANCE or (stance != self._stance).any():
             lean = (roll, pitch, self._kernels.wrap_angle(yaw - heading[0]))
             height = (centre - feet[stance])[:, 2].mean()
-            now = np.array([*lean, 0.0, 0.0, height, *spin, *self._velocity])
+            current = np.array([*lean, 0.0, 0.0, height, *spin, *self._velocity])
             plan = self._plan(target, heading[1], feet - centre, stance)
-            self._forces = self._mass * self._gravity * self._mpc.forces(now, *plan)
+            self._forces = self._mass * self._gravity * self._mpc.forces(current, *plan)
             self._due, self._stance = state.t + self._params.period, stance.copy()
         tau = -np.einsum("lij,li->lj", J, self._forces)
         moment = np.cross(feet, self._forces).sum(axis=0)

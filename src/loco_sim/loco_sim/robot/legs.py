@@ -16,9 +16,10 @@ import numpy as np
 
 from loco_control.exceptions import NameUnknownError, ParameterError
 from loco_control.legs.geometry import (
-    BENT,
     COLUMNS,
     DOWN,
+    EXTENDED,
+    FLEXED,
     FRONT,
     HIP_X,
     HIP_Y,
@@ -28,7 +29,6 @@ from loco_control.legs.geometry import (
     SHANK,
     SIDE,
     SIGN,
-    STRAIGHT,
     THIGH,
     ZERO,
 )  # fmt: skip
@@ -145,8 +145,8 @@ def _row(leg: str, left: float, signs: list, points: tuple, ranges: list) -> np.
     one_way = low >= 0.0 or high <= 0.0
     row[KNEE] = 1.0 if (high > 0.0 if one_way else pose > 0.0) else -1.0
     min_bend, max_bend = sorted((row[KNEE] * low, row[KNEE] * high))
-    row[BENT] = math.cos(min(max_bend, MOST_BENT))
-    row[STRAIGHT] = math.cos(max(min_bend, STRAIGHTEST))
+    row[FLEXED] = math.cos(min(max_bend, MOST_BENT))
+    row[EXTENDED] = math.cos(max(min_bend, STRAIGHTEST))
     return np.round(row, DIGITS) + 0.0  # turns -0.0 into 0.0
 
 

@@ -77,10 +77,10 @@ def layouts(bag: Bag, topic: str, data: list[bytes]) -> list[Layout]:
     by_key: dict[tuple, Layout] = {}
     last: Layout | None = None
     for row, message in enumerate(data):
-        values = last.codec.own(message) if last else None
+        values = last.codec.read_layout(message) if last else None
         if values is None:
             last = _layout(bag, topic, message, by_key)
-            values = last.codec.own(message)
+            values = last.codec.read_layout(message)
         if values is None:  # other byte order, which the codec does not support
             decoded = bag.message(topic, message)
             arrays = {f: np.array(getattr(decoded, f), float) for f in FIELDS}

@@ -56,7 +56,7 @@ class Converter:
         self._stamp = stamp_views(self._record, "stamp")
         at = self.codec.dtype.names.index
         self._head = at("stamp.sec"), at("stamp.nanosec"), at("tick")
-        self._places = [(at(name), SHAPES.get(name)) for name in names]
+        self._fields = [(at(name), SHAPES.get(name)) for name in names]
 
     def _reshape(self, name: str) -> np.ndarray:
         view = field_view(self._record, name)
@@ -97,7 +97,7 @@ class Converter:
         """Dataclass of a decoded record."""
         row = record.item()  # a tuple of all fields: one call instead of one per field
         seconds, nanoseconds, tick = (row[i] for i in self._head)
-        values = [row[i].reshape(shape) if shape else row[i] for i, shape in self._places]
+        values = [row[i].reshape(shape) if shape else row[i] for i, shape in self._fields]
         return self.cls(tick, (seconds * 1_000_000_000 + nanoseconds) / 1e9, *values)
 
 

@@ -2,7 +2,7 @@
 """Message definitions in the format of ``.msg`` files: fields, full texts and type hashes.
 
 A bag contains the definition of each of its message types, so it can be read without their
-packages. Where ROS is not installed, the definitions for the topics of loco are in `_OURS` and
+packages. Where ROS is not installed, the definitions for the topics of loco are in `_LOCO_MSGS` and
 `_STANDARD`.
 """
 
@@ -24,7 +24,7 @@ from ...reading import parse_yaml
 SEPARATOR = "=" * 80  # between the definitions of a message and of its nested messages
 MOST_FIELDS = 1000  # largest number of fields of one message
 _FOLDER = Path(__file__).parent / "texts"
-_STANDARD, _OURS = _FOLDER / "standard.msg", _FOLDER / "loco_msgs"
+_STANDARD, _LOCO_MSGS = _FOLDER / "standard.msg", _FOLDER / "loco_msgs"
 # Types of .msg files: name in IDL, type id that enters the hash, and code for struct and NumPy.
 PRIMITIVES = {
     "bool": ("boolean", 15, "?"), "byte": ("octet", 16, "B"), "char": ("uint8", 3, "B"),
@@ -183,8 +183,8 @@ def _contained(short: str) -> list[str]:
 def _text(short: str) -> str:
     package, _, name = short.partition("/")
     folders = [Path(prefix) / "share" / package / "msg" for prefix in _prefixes()]
-    if package == _OURS.name:
-        folders.append(_OURS)
+    if package == _LOCO_MSGS.name:
+        folders.append(_LOCO_MSGS)
     folder = next((f for f in folders if f.is_dir()), None)
     if folder is not None and (folder / f"{name}.msg").is_file():
         return (folder / f"{name}.msg").read_text(encoding="utf-8")
@@ -207,7 +207,7 @@ def _prefixes() -> list[str]:
 
 
 def _packages() -> list[str]:
-    included = {name.partition("/")[0] for name in _standard()} | {_OURS.name}
+    included = {name.partition("/")[0] for name in _standard()} | {_LOCO_MSGS.name}
     installed = {p.parent.name for prefix in _prefixes() for p in Path(prefix).glob("share/*/msg")}
     return sorted(included | installed)
 

@@ -102,7 +102,7 @@ class JointCodec:
             return self._read_any(data)
         return Joints(stamp_ns(data), *(values.get(f, self._zeros) for f in self._fields))
 
-    def own(self, data: bytes) -> dict[str, np.ndarray] | None:
+    def read_layout(self, data: bytes) -> dict[str, np.ndarray] | None:
         """Arrays (n,) by field of a message in this codec's layout; None for another layout."""
         return self._layout.read(data)
 

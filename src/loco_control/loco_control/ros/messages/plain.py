@@ -86,13 +86,13 @@ def message_class(name: str, text: str | None = None) -> type[Message]:
         ParameterError: The text is not a message definition.
     """
     short = name.replace("/msg/", "/")
-    return _from_text(short, text) if text else _known(short)
+    return _from_text(short, text) if text else _class(short)
 
 
 @cache
-def _known(short: str) -> type[Message]:
+def _class(short: str) -> type[Message]:
     fields = fields_of(short)
-    return _classes(short, fields, {f.base: _known(f.base) for f in fields if f.is_message})
+    return _classes(short, fields, {f.base: _class(f.base) for f in fields if f.is_message})
 
 
 @cache
@@ -103,7 +103,7 @@ def _from_text(short: str, text: str) -> type[Message]:
     while todo:
         name = todo[-1]
         if name not in sections:  # Some recorders omit common types, such as Time.
-            done[name] = _known(name)
+            done[name] = _class(name)
         missing = [f.base for f in sections.get(name, ()) if f.is_message and f.base not in done]
         if any(base in todo for base in missing):
             raise ParameterError(f"{short}: {name} contains itself")

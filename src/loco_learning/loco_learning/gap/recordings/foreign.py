@@ -253,7 +253,7 @@ def _read_files(pipe: Connection) -> None:
             data = pipe.recv_bytes()
             used = sum(resource.getrusage(resource.RUSAGE_SELF)[:2])
             _limit(resource.RLIMIT_CPU, used + _READER_TIME * (1 + len(data) / 1e8))
-            _limit(resource.RLIMIT_AS, _READER_MEMORY + packed.room(len(data)) + 2 * len(data))
+            _limit(resource.RLIMIT_AS, _READER_MEMORY + packed.limit(len(data)) + 2 * len(data))
             pipe.send(_read_parquet(data))
 
 
