@@ -121,3 +121,13 @@ def test_joints_of_a_second_publisher_on_a_topic_are_drafted(tmp_path):
         LocoError, match="no joint of the robot .*elbow.* is named in: pivot, finger, wrist"
     ):
         terminal.draft(folder, ("elbow",))
+
+
+def test_a_description_gives_the_joints_of_a_draft(tmp_path, capsys):
+    table = tmp_path / "a.csv"
+    table.write_text("t,pos\n" + "".join(f"{i / 100},{goal(i / 100)}\n" for i in range(99)))
+    (tmp_path / "a.urdf").write_text(SERVO.urdf)
+    assert call(table, "--robot", tmp_path / "a.urdf") == 0
+    assert "joint: pivot}  # “pos”, the only joint" in capsys.readouterr().out
+    other = table.rename(tmp_path / "a.traj")
+    assert call(other) == 2 and "give a text of rows the ending .txt" in capsys.readouterr().err

@@ -51,6 +51,25 @@ def test_the_longest_name_of_a_joint_is_its():
     assert words.joint_in("kneecap_pos", ("knee",)) == ""
 
 
+def test_the_column_that_names_the_only_joint_is_its():
+    text, rules = drafted(["t", "current", "knee_angle", "knee_torque", "motor_angle"], ["knee"])
+    assert {c.column: c.role for c in rules.columns} == {
+        "knee_angle": "q", "knee_torque": "command_torque"
+    }  # fmt: skip
+    assert "left out; or a command? {column: current" in text
+
+
+def test_feedback_is_measured_and_a_joint_may_be_named_like_an_angle():
+    _, rules = drafted(["t", "pos_cmd", "pos_fbk"], ["knee"])
+    assert [c.role for c in rules.columns] == ["command_position", "q"]
+    assert words.guess("theta", ["theta"]).role == "q"
+
+
+def test_columns_without_names_are_asked_for_by_their_numbers():
+    with pytest.raises(ParameterError, match="no line of names above its 3 columns; add one, or"):
+        drafted(["1", "2", "3"], ["knee"])
+
+
 @pytest.mark.parametrize(
     ("name", "step", "unit"),
     [("t", 0.01, "s"), ("time_ms", 10.0, "ms"), ("timestamp", 1e7, "ns"), ("stamp", 1e4, "us"),

@@ -60,6 +60,42 @@ def test_nested_samples_have_dotted_names(tmp_path):
 
 
 @pytest.mark.parametrize(
+    ("head", "names"),
+    [
+        ("", ["1", "2", "3"]),
+        ("# t q[1] dq\n", ["t", "q[1]", "dq"]),
+        ("# bench 4, today\n#t, q, dq\n", ["t", "q", "dq"]),
+        ("t q dq\n", ["t", "q", "dq"]),
+        ("# a sentence of five words\n", ["1", "2", "3"]),
+        ("# 1 2 3\n", ["1", "2", "3"]),
+    ],
+)
+def test_names_stand_above_the_rows_in_a_comment_or_are_numbers(tmp_path, head, names):
+    table = tables.read(written(tmp_path, "a.dat", f"{head}0.0 1.5 0\n0.1 2.5 -1\n# end\n"))
+    assert [list(table.columns), len(table)] == [names, 2]
+    assert table.column(names[1]).tolist() == [1.5, 2.5]
+
+
+def test_names_in_a_comment_may_have_spaces_between_tabs(tmp_path):
+    table = tables.read(written(tmp_path, "a.txt", "# time [s]\tangle, motor\n0\t1\n1\t2\n"))
+    assert list(table.columns) == ["time [s]", "angle, motor"]
+
+
+def test_runs_of_a_json_log_are_episodes_and_samples_of_joints_are_not(tmp_path):
+    runs = [{"kind": kind, "tags": ["a"], "q": [[i, -i] for i in range(size)],
+             "u": [None, *range(1, size)]} for kind, size in (("chirp", 7), ("step", 5))]  # fmt: skip
+    file = written(tmp_path, "a.json", json.dumps({"rate": 50, "data": runs}))
+    table = tables.read(file)
+    first, second = tables.episodes(table)
+    assert (len(first), len(second), first.header["rate"]) == (7, 5, 50)
+    assert second.column("q[1]").tolist() == [0, -1, -2, -3, -4]
+    assert np.isnan(first.column("u")[0]) and first.column("u")[6] == 6
+    assert table.notes == ("shorter lists of its runs are left out: tags",)
+    samples = written(tmp_path, "b.json", json.dumps([{"q": x} for x in runs[0]["q"]]))
+    assert list(tables.read(samples).columns) == ["q[0]", "q[1]"]
+
+
+@pytest.mark.parametrize(
     ("cells", "asked", "why"),
     [
         (("high", "low"), "state", "column 'state' has 'high' in row 0"),
@@ -80,12 +116,13 @@ def test_a_column_of_texts_is_in_nobodys_way_until_it_is_asked_for(tmp_path, cel
     [
         ("a.csv", "", "empty"),
         ("a.csv", "t,q\n", "no samples"),
-        ("a.csv", "0.0,1.5\n0.1,2.5\n", "no header line"),
         ("a.csv", "t,q\n0.0,1.0,2.0\n", "line 2: 3 fields under 2"),
         ("a.csv", "q,q\n0.0,1.0\n", "two columns named 'q'"),
         ("a.json", "{", "not JSON"),
         ("a.json", "3", "list of samples"),
         ("a.json", '{"t": [1, 2], "q": [1]}', r"have \[1, 2\] samples"),
+        ("a.json", '[{"q": [1, 2, 3]}, {"q": [1, 2, 3], "u": [1, 2]}]', r"run 1: .* \[2, 3\]"),
+        ("a.json", '[{"q": 1}, 2]', "must hold a list of samples"),
     ],
 )
 def test_what_is_no_table_is_refused(tmp_path, name, text, said):

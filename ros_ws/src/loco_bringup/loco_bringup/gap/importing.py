@@ -30,14 +30,13 @@ from ..bag.foreign.opening import KINDS, name_of, open_bag, suffix_of
 from ..bag.reader import Bag
 from ..outcome import STEP
 from . import topics as gap_topics
-from .drafts.terminal import draft
+from .drafts.terminal import FORMATS, draft
 from .fields import FieldSource
 
 _new_robot = lazy.module("loco_bringup.robot.terminal")
 _KNOWN = ("fixed_base", "height")  # keys of an experiment about how the robot was held
 # Drafts of a robot and of a mapping in a folder of results.
 DRAFTS = ROBOT, MAPPING = "drafts/robot/robot.yaml", f"drafts/{mapping.FILE}"
-FORMATS = (".urdf", ".xacro", ".xml")  # descriptions of a robot without drives
 
 
 def drafted(

@@ -32,6 +32,7 @@ class Line:
         topic: Topic in a bag.
         scale: Scale that the user has to fill in; empty where none is needed.
         missing: Texts in the column that are no reading.
+        is_named: Whether the column says the name or number of the joint.
     """
 
     column: str
@@ -42,6 +43,7 @@ class Line:
     topic: str = ""
     scale: str = ""
     missing: tuple[str, ...] = ()
+    is_named: bool = True
 
     @property
     def text(self) -> str:
@@ -87,9 +89,9 @@ def written(
 ) -> str:
     """Text of a mapping with one line for each role of a joint.
 
-    Of several columns for a role the first is used, or the first that says that it is measured. If
-    no line is a command, and each joint has but one position, measured torques are taken as the
-    commands.
+    Of several columns for a role the first is used, or the first that says its joint, or that it is
+    measured. If no line is a command, and each joint has but one position, measured torques are
+    taken as the commands.
 
     Args:
         lines: Columns in the order of the file.
@@ -103,20 +105,18 @@ def written(
         ParameterError: There is no line.
     """
     first: dict[tuple[str, str], Line] = {}
-    positions = [line.joint for line in lines if line.role == "q"]
+    positions = _positions(lines)
     commanded = any(line.role.startswith("command_") for line in lines)
     if not commanded and len(positions) == len(set(positions)):
         lines = [replace(x, role="command_torque", why=x.why + MOVED) if x.role == "tau" else x
                  for x in lines]  # fmt: skip
-    for line in sorted(lines, key=lambda line: not _is_measured(line)):
+    for line in sorted(lines, key=lambda line: (not line.is_named, not _is_measured(line))):
         first.setdefault((line.role, line.joint), line)
     used = [line for line in lines if first[line.role, line.joint] is line]
     robot = f" of the robot ({', '.join(joints)})" * bool(joints)
     unmatched = f"no joint{robot} is named in: {', '.join(strangers)}"
     if not first:
-        why = unmatched if strangers else (
-            f"no name says what is measured or commanded; it has {', '.join(names) or 'nothing'}"
-        )  # fmt: skip
+        why = unmatched if strangers else _unsaid(names)
         raise ParameterError(
             f"{file}: {why}. Write a mapping by hand (docs/gap_import.md), pass it by --mapping"
         )
@@ -130,6 +130,23 @@ def written(
     text += [f"# Not used: {', '.join(left)}"] if left else []
     text += [f"# {unmatched[0].upper()}{unmatched[1:]}"] if strangers else []
     return "\n".join([*text, *(f"# Missing: {what}" for what in missing(first, joints))]) + "\n"
+
+
+def _positions(lines: Sequence[Line]) -> list[str]:
+    """Joint of each position; where a column says its joint, the others are not of that joint."""
+    positions = [line for line in lines if line.role == "q"]
+    named = {line.joint for line in positions if line.is_named}
+    return [line.joint for line in positions if line.is_named or line.joint not in named]
+
+
+def _unsaid(names: Sequence[str]) -> str:
+    """Reason why nothing is known of columns that say no role."""
+    if names and all(map(str.isdigit, names)):
+        return (
+            f"it has no line of names above its {len(names)} columns; add one, or name them by "
+            "their numbers, as in {column: 2, role: q, joint: knee}"
+        )
+    return f"no name says what is measured or commanded; it has {', '.join(names) or 'nothing'}"
 
 
 def _is_measured(line: Line) -> bool:
@@ -158,6 +175,7 @@ def _column(
     if not joint and number is not None:
         joint = numbered.get(number, "")
         comment += f", number {number} of the joints: in this order?"
+    is_named = bool(joint)
     if not joint and len(joints) == 1:
         joint, comment = joints[0], f"{comment}, the only joint"
     if not guess.role or not joint:
@@ -169,7 +187,8 @@ def _column(
     for text, rows in absent.items():
         reason += f"; “{' '.join(text.split())}” in {len(rows)} rows: no reading?"
     scale = "1.0" if scaled else ""
-    return [Line(name, guess.role, joint, comment + reason, unit, "", scale, tuple(absent))]
+    texts = tuple(absent)
+    return [Line(name, guess.role, joint, comment + reason, unit, "", scale, texts, is_named)]
 
 
 def _unit(role: str, unit: str, values: np.ndarray, speed: bool) -> tuple[str, str]:

@@ -19,7 +19,7 @@ COMMANDS = frozenset(
 # Commands only if the other words of a name are known; the second are torques without another word.
 SETS, INPUTS = frozenset(("set",)), frozenset(("u", "input", "inputs"))
 MEASURED = frozenset(
-    "meas measured actual act state states feedback fb present observation ist istwert".split()
+    "meas measured actual act state states feedback fbk fb present observation ist istwert".split()
 )
 QUANTITIES = {
     "position": "pos position positions angle angles q theta phi encoder enc",
@@ -76,7 +76,7 @@ def guess(name: str, joints: Sequence[str] = ()) -> Guess:
     """
     joint = joint_in(name, joints)
     joint_tokens = words(joint) if joint else []
-    rest = _without(words(name), joint_tokens)
+    rest = _without(words(name), joint_tokens) or words(name)
     vocabulary = {*COMMANDS, *SETS, *INPUTS, *MEASURED, *UNITS, *NOISE, *_OF_WORD, "s", "m"}
     unknown = [token for token in rest if token not in vocabulary]
     of = next((w for w in reversed(rest) if w in _OF_WORD), "")

@@ -18,7 +18,7 @@ from loco_control.reading import parse_csv, parse_json, read_text, understood
 from . import foreign
 from .record import Doubt
 
-KINDS = (".csv", ".txt", ".tsv", ".json", ".jsonl", ".pt", ".parquet")
+KINDS = (".csv", ".txt", ".tsv", ".dat", ".json", ".jsonl", ".pt", ".parquet")
 BINARY = {".pt": foreign.torch_columns, ".parquet": foreign.parquet_columns}
 EMPTY = ("", "none", "null", "nan", "na")
 HALF_DAY = 43200.0  # [s]; a time of day that falls by more has passed midnight
@@ -116,8 +116,8 @@ def read(path: str | Path, samples: str = "") -> Table:
     """Read a file, by the extension of its name with or without ``.gz``.
 
     Args:
-        path: CSV with a header line (separated by comma, semicolon, tab or spaces), JSON, JSON
-            lines, ``.pt`` or ``.parquet``.
+        path: Text of rows separated by comma, semicolon, tab or spaces, JSON, JSON lines, ``.pt``
+            or ``.parquet``. Columns without a line of names are named by their numbers from 1.
         samples: Field of a JSON log that is its list of samples; empty: the only list.
 
     Raises:
@@ -152,18 +152,18 @@ def _kind(path: Path) -> str:
 
 def _from_csv(path: Path, text: str) -> Table:
     """Columns under a header line, without empty columns that have no name."""
-    lines = [line for line in text.splitlines() if line.strip() and not line.startswith("#")]
+    filled = [line for line in text.splitlines() if line.strip()]
+    lines = [line for line in filled if not line.startswith("#")]
     if not lines:
         raise ParameterError(f"{path.name} is empty")
     separator = _separator(lines[0])
     first, *rows = parse_csv(lines, path.name, delimiter=separator, skipinitialspace=True)
     names = [name.strip() for name in first]
     if all(_is_number(name) for name in names if name):
-        raise ParameterError(
-            f"{path.name} has no header line: its first line is all numbers, wanted are the "
-            "names of the columns"
-        )
-    rows, notes = _samples(_padded(path, rows, len(names)), first)
+        rows, above = [first, *rows], filled[: filled.index(lines[0])]
+        numbers = [str(i + 1) for i in range(len(first))]
+        names = _commented(above, separator, len(first)) or numbers
+    rows, notes = _samples(_padded(path, rows, len(names)), names)
     cells: dict[str, Sequence[Any]] = {}
     for name, values in zip(names, zip(*rows, strict=True), strict=False):
         if name in cells:
@@ -171,6 +171,16 @@ def _from_csv(path: Path, text: str) -> Table:
         if name:
             cells[name] = values
     return _of_cells(path, cells, notes=notes)
+
+
+def _commented(above: Sequence[str], separator: str, width: int) -> list[str]:
+    """Names in the last comment above the rows, as NumPy writes them; empty if it is no header."""
+    text = above[-1].lstrip("#").strip() if above else ""
+    for marks in (r"[,;\s]+", re.escape(separator)):  # names with spaces are between tabs
+        names = [name.strip() for name in re.split(marks, text)]
+        if len(names) == width and not any(map(_is_number, names)):
+            return names
+    return []
 
 
 def _samples(rows: list[Sequence[str]], head: Sequence[str]) -> tuple[list, tuple[str, ...]]:
@@ -377,17 +387,39 @@ def _from_json(path: Path, value: Any, samples: str) -> Table:
         records = {k: v for k, v in lists.items() if isinstance(v[0], dict)}
         if not samples and not records and lists:  # a mapping of columns
             header = {k: v for k, v in value.items() if k not in lists}
-            return _of_cells(path, _equal(path, lists), header)
+            return _of_cells(path, _equal(path.name, lists), header)
         samples = samples or (next(iter(records)) if len(records) == 1 else "")
         if samples not in records:
             raise NameUnknownError(f"list of samples in {path.name}", samples, records)
         rows, header = records[samples], {k: v for k, v in value.items() if k != samples}
-    if not isinstance(rows, list) or not rows or not isinstance(rows[0], dict):
+    if not isinstance(rows, list) or not rows or not all(isinstance(row, dict) for row in rows):
         raise ParameterError(f"{path.name} must hold a list of samples, each with named values")
+    rows, notes = _of_runs(path, rows)
     names = {name: None for row in rows for name in _flat(row)}
     flattened = [_flat(row) for row in rows]
     lists = {name: [row.get(name) for row in flattened] for name in names}
-    return _of_cells(path, _equal(path, lists), header)
+    return _of_cells(path, _equal(path.name, lists), header, notes)
+
+
+def _of_runs(path: Path, rows: list[dict[str, Any]]) -> tuple[list[dict], tuple[str, ...]]:
+    """Samples of all runs with the number of their run, if each item is a run; else the rows.
+
+    Items are runs if each has a list that is longer than the list of items: a run has columns, a
+    sample the values of its joints. Lists less than half as long as the longest are settings.
+    """
+    lengths = [{k: len(v) for k, v in row.items() if isinstance(v, list)} for row in rows]
+    longest = [max(sizes.values(), default=0) for sizes in lengths]
+    if min(longest) <= len(rows):
+        return rows, ()
+    samples, left = [], dict[str, None]()
+    for number, (row, sizes, most) in enumerate(zip(rows, lengths, longest, strict=True)):
+        names = [name for name, size in sizes.items() if 2 * size >= most]
+        _equal(f"{path.name}, run {number}", {name: row[name] for name in names})
+        left |= {name: None for name in sizes if name not in names}
+        values = {k: v for k, v in row.items() if k not in sizes} | {foreign.EPISODE: number}
+        samples += [values | {name: row[name][i] for name in names} for i in range(most)]
+    text = f"shorter lists of its runs are left out: {', '.join(left)}"
+    return samples, (Doubt(text),) if left else ()
 
 
 def _flat(row: dict[str, Any], prefix: str = "") -> dict[str, Any]:
@@ -405,9 +437,9 @@ def _flat(row: dict[str, Any], prefix: str = "") -> dict[str, Any]:
     return result
 
 
-def _equal(path: Path, lists: dict[str, list]) -> dict[str, list]:
+def _equal(source: str, lists: dict[str, list]) -> dict[str, list]:
     """Columns of one length, without those of lists."""
     lengths = {len(values) for values in lists.values()}
     if len(lengths) != 1:
-        raise ParameterError(f"{path.name}: its columns have {sorted(lengths)} samples")
+        raise ParameterError(f"{source}: its columns have {sorted(lengths)} samples")
     return {k: v for k, v in lists.items() if not any(isinstance(x, list) for x in v)}

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import argparse
 import sys
+import tempfile
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -12,11 +13,15 @@ from loco_control.exceptions import MissingFileError, ParameterError
 from loco_control.files import write_whole
 from loco_learning.gap.drafting.draft import of_table
 from loco_learning.gap.recordings import importing, mapping, tables
+from loco_sim import lazy
 from loco_sim.plant import model as models
 
 from ...bag.foreign.opening import open_bag, suffix_of
 from ...outcome import file_at
 from .topics import of_bag
+
+_new_robot = lazy.module("loco_bringup.robot.terminal")
+FORMATS = (".urdf", ".xacro", ".xml")  # descriptions of a robot without drives
 
 
 def show_draft(a: argparse.Namespace) -> int:
@@ -31,13 +36,22 @@ def show_draft(a: argparse.Namespace) -> int:
     file = file_at(a.out, Path(mapping.FILE)) if a.out else None
     if file and file.exists():
         raise ParameterError(f"{file} is there already; choose another --out, or remove it")
-    joints = models.load_any(a.robot).make_robot().joints if a.robot else ()
-    text = draft(a.file, joints)
+    text = draft(a.file, _joints(a.robot) if a.robot else ())
     if file:
         sys.stdout.write(f"{write_whole(file, text)}\n")
     else:
         sys.stdout.write(text)
     return 0
+
+
+def _joints(robot: str) -> Sequence[str]:
+    """Joints of a robot, or of a description of one."""
+    if Path(robot).suffix not in FORMATS:
+        return models.load_any(robot).make_robot().joints
+    with tempfile.TemporaryDirectory() as folder:
+        made = Path(folder, "robot")
+        _new_robot.tried(Path(robot), made)
+        return models.load_any(str(made)).make_robot().joints
 
 
 def draft(path: str | Path, joints: Sequence[str]) -> str:
@@ -60,7 +74,10 @@ def draft(path: str | Path, joints: Sequence[str]) -> str:
         if path.is_dir():
             file = next((p for p in sorted(path.iterdir()) if tables.is_table(p)), path)
         if not file.is_file() or not tables.is_table(file):
-            raise ParameterError(f"{path} is no recording: neither a bag nor a table")
+            raise ParameterError(
+                f"{path} is no recording: neither a bag nor a table ({', '.join(tables.KINDS)}); "
+                "give a text of rows the ending .txt"
+            )
         text = of_table(tables.read(file), joints)
         if path.is_dir():
             text += f'files: "*{"".join(file.suffixes)}"\n'
