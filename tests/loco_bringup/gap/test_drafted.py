@@ -100,6 +100,17 @@ def test_a_log_without_commands_is_moved_by_its_torques(search, tmp_path):
     assert asked["fit"][0].command["torque"][:, 0] == pytest.approx(np.cos(3.0 * T), abs=1e-6)
 
 
+def test_a_drafted_robot_fits_the_mapping_beside_the_log(search, tmp_path):
+    table("my.csv", a=0.4 * np.sin(3.0 * T), b=np.cos(3.0 * T))
+    columns = (
+        "[{column: a, role: q, joint: pivot}, {column: b, role: command_torque, joint: pivot}]"
+    )
+    (tmp_path / "mapping.yaml").write_text(f"time: {{column: t}}\ncolumns: {columns}\n")
+    code, said, asked = search("my.csv")
+    assert code == 0, said
+    assert asked["fit"][0].command["torque"][:, 0] == pytest.approx(np.cos(3.0 * T), abs=1e-6)
+
+
 def test_a_draft_that_failed_leaves_no_robot_for_the_next_one(search, tmp_path):
     table("my.csv", a=T, b=T)
     assert search("my.csv")[0] == 2

@@ -157,8 +157,12 @@ def test_time_that_jumps_back_is_two_experiments(signals, hinge, change):
 
 
 def test_disorder_and_doubles_are_put_right(signals, hinge, change):
+    def repeated(track):  # by a logger that is five times faster
+        return change(track, t=np.repeat(track.t, 5), x=np.repeat(track.x, 5))
+
     def doubled(track):
-        return change(track, t=np.repeat(track.t, 2), x=np.repeat(track.x, 2))
+        made = change(track, t=np.repeat(track.t, 2), x=np.repeat(track.x, 2))
+        return change(made, x=made.x + 0.01 * (np.arange(len(made.x)) % 2))
 
     def swapped(track):
         order = np.arange(len(track.t))
@@ -166,7 +170,10 @@ def test_disorder_and_doubles_are_put_right(signals, hinge, change):
         return change(track, t=track.t[order], x=track.x[order])
 
     right = align.record("run", signals(), hinge).signals["q"]
-    for change_of, words in ((doubled, "stamp of another"), (swapped, "were sorted")):
+    for change_of, words in (
+        (repeated, "samples repeat another, with its stamp"), (doubled, "with the stamp of another"),
+        (swapped, "were sorted"),
+    ):  # fmt: skip
         made = align.record("run", signals(q=change_of), hinge)
         assert np.array_equal(made.signals["q"], right) and told(made, words)
 
@@ -174,6 +181,16 @@ def test_disorder_and_doubles_are_put_right(signals, hinge, change):
 def test_only_the_common_time_is_kept(signals, hinge, change):
     made = align.record("run", signals(q=lambda k: change(k, t=k.t + 1.0)), hinge)
     assert made.duration == pytest.approx(2.99 + 0.01, abs=0.0101)
+
+
+def test_time_that_only_positions_or_commands_cover_is_told(signals, hinge, change):
+    def until(track, end):
+        return change(track, t=track.t[track.t < end], x=track.x[track.t < end])
+
+    made = align.record("run", signals(command_position=lambda k: until(k, 2.0)), hinge)
+    assert told(made, "positions go on 1.9") and told(made, "s after the commands: that time is")
+    made = align.record("run", signals(q=lambda k: change(k, t=k.t + 1.0)), hinge)
+    assert told(made, "commands begin 1.00 s before the positions: that time is not used")
 
 
 @pytest.mark.parametrize("rate", [50.0, 250.0])

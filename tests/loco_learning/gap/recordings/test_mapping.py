@@ -52,6 +52,12 @@ def test_a_folder_stands_for_its_mapping(tmp_path):
         mapping.load(tmp_path / "other.yaml")
 
 
+@pytest.mark.parametrize(("unit", "size"), [("A", 0.38), ("mA", 0.38e-3), ("count", 0.38)])
+def test_a_scale_is_of_the_si_unit(unit, size):
+    column = f"{{column: i, role: tau, joint: knee, unit: {unit}, scale: 0.38}}"
+    assert mapping.loads(f"columns:\n  - {column}\n").columns[0].gain == pytest.approx(size)
+
+
 @pytest.mark.parametrize(
     ("old", "new", "said"),
     [

@@ -275,6 +275,17 @@ def test_a_constant_has_no_delay_and_no_ratio_to_anything(value):
         assert suspect.slope(*pair) == (1.0, 0.0)
 
 
+@pytest.mark.parametrize("noise", [0.0, 1e-9])
+def test_a_shift_that_leaves_out_the_motion_has_no_correlation(noise):
+    """Of a step at the begin nothing but rounding is left behind it."""
+    t = 0.005 * np.arange(80)
+    command = 0.4 * (t >= 0.01) + noise * np.sin(900.0 * t)
+    q = 0.4 / (1.0 + np.exp(-(t - 0.06) / 0.01))
+    time, _ = lags.lag(lags.rates(command, 0.005), lags.rates(q, 0.005), 0.005)
+    assert time == 0.0 or abs(time - 0.05) < 0.02
+    assert lags.following(command, np.where(t < 0.1, 0.3, 0.3 - t), 0.005) < lags.FOLLOWS
+
+
 @pytest.mark.parametrize("digits", [4, 6])
 def test_a_time_that_lost_its_digits_does_not_rise(signals, hinge, change, digits):
     def rounded(track):

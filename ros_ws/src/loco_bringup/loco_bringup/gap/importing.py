@@ -91,11 +91,10 @@ def _drafted(
             for c in mapping.load(mapping_file).columns
         )
         notes.append(Doubt(f"{mapping_file} is a draft, to be corrected: {what}"))
-    if is_new and mapping_file:
-        write_whole(
-            draft_file,
-            _fitting(draft_file.read_text(encoding="utf-8"), mapping.load(mapping_file), robot),
-        )
+    rules = mapping_of(Path(bags[0]), mapping_file or None) if is_new else None
+    if rules:
+        text = _fitting(draft_file.read_text(encoding="utf-8"), rules, robot)
+        write_whole(draft_file, text)
     if is_drafted:
         description = draft_file.with_name(f"{stem(source)}.urdf")
         notes = [*map(Doubt, Tidied(description).suspects), *notes]  # they explain all that follows

@@ -100,6 +100,7 @@ def record(
     tracks = _one_sheet(tracks)
     checks.moving(name, tracks)
     start, end = _overlap(name, tracks)
+    messages += _unused(tracks, start, end)
     own = rate or _rate(tracks, robot)
     sparse = [] if rate else slow.undersampled(tracks, own, robot)
     rate = slow.multiple(own, robot) if sparse else own
@@ -132,9 +133,11 @@ def _ordered(name: str, track: Track, told: list[str]) -> Track:
             f"{track.t[row - 1] - track.t[row]:.6g} s at row {row}: are there several experiments "
             "in one file? Cut them with rows: [first, stop]"
         )
-    t, first = np.unique(track.t, return_index=True)
+    t, first, inverse = np.unique(track.t, return_index=True, return_inverse=True)
     duplicates = len(track.t) - len(t)
-    if duplicates:
+    if duplicates and np.array_equal(track.x[first][inverse], track.x):
+        _tell(told, f"{duplicates} samples repeat another, with its stamp: they were left out")
+    elif duplicates:
         _tell(told, Doubt(f"{duplicates} samples with the stamp of another were left out"))
     if np.any(np.diff(track.t) < 0.0):
         late = int(np.sum(np.diff(track.t) < 0.0))
@@ -191,6 +194,23 @@ def _overlap(name: str, tracks: Sequence[Track]) -> tuple[float, float]:
             "same? In a bag, clock: log at the columns of both takes the times of logging"
         )
     return start, end
+
+
+def _unused(tracks: Sequence[Track], start: float, end: float) -> list[str]:
+    """Notes on times of angles or commands that the others do not cover."""
+    notes = []
+    for what, group in (
+        ("positions", [k for k in tracks if k.role == "q"]),
+        ("commands", [k for k in tracks if k.role.startswith("command_")]),
+    ):
+        others = {"positions": "commands", "commands": "positions"}[what]
+        for time, when in (
+            (start - max(k.t[0] for k in group), f"begin {{:.2f}} s before the {others}"),
+            (min(k.t[-1] for k in group) - end, f"go on {{:.2f}} s after the {others}"),
+        ):
+            if time > CUTS.pause:
+                notes.append(Doubt(f"{what} {when.format(time)}: that time is not used"))
+    return notes
 
 
 def _rate(tracks: Sequence[Track], robot: Robot) -> float:

@@ -37,8 +37,10 @@ def present(name: str, tracks: Sequence[Track], robot: Robot) -> None:
     if "q" not in roles:
         raise ParameterError(f"{name}: role q (measured positions) is missing; it has {listed}")
     if not any(role.startswith("command_") for role in roles):
+        hint = "; if the measured torque moved the robot, its role is command_torque"
         raise ParameterError(
             f"{name}: a command is missing (one of {', '.join(REQUIRED[1:])}); it has {listed}"
+            f"{hint * ('tau' in roles)}"
         )
     for index in robot.driven:
         _commanded(name, robot.joints[index], set(sources), robot)

@@ -19,6 +19,7 @@ LAG_IS_TOLD = 0.9  # correlation below which no delay is reported
 SHARP = 0.98  # ratio of the correlation at zero shift to the best, above which none is reported
 SHARPER = 0.9999  # the same ratio for two measurements of one motion
 HELD = 5.0  # deviation over noise below which a motion tells nothing (taste)
+WHOLE = 0.5  # share of both motions that the overlap of a shift must hold to tell anything (taste)
 ORDER = 8  # of the differences that tell noise from a motion sampled ten times a period
 NORMAL = 0.6745  # median of the absolute value of a standard normal variable
 RATE_TIME = 0.01  # width of the difference quotient of a derivative [s]
@@ -138,13 +139,18 @@ def lag(
     if not 0 < best < len(score) - 1 or score[reach] > sharp * score[best]:
         return 0.0, 0.0
     left, peak, right = score[best - 1 : best + 2]
+    if not np.isfinite(left + right):
+        return 0.0, 0.0
     bend = left - 2.0 * peak + right
     shift = 0.5 * (left - right) / bend if bend < 0.0 else 0.0
     return (best - reach + shift) * dt, float(peak)
 
 
 def _correlation(a: np.ndarray, b: np.ndarray, reach: int) -> np.ndarray:
-    """Correlation of a with b shifted by -reach to reach samples, over their overlap."""
+    """Correlation of a with b shifted by -reach to reach samples, over their overlap.
+
+    It is -inf where the overlap lacks most of a motion: a step soon after the begin, for example.
+    """
     width = 1 << (2 * len(a) - 1).bit_length()
     product = np.fft.irfft(np.fft.rfft(b, width) * np.conj(np.fft.rfft(a, width)), width)
     product = np.concatenate([product[-reach:], product[: reach + 1]])
@@ -159,7 +165,10 @@ def _correlation(a: np.ndarray, b: np.ndarray, reach: int) -> np.ndarray:
     mean_a, mean_b = sums(a, 0) / count, sums(b, shift) / count
     spread_a = sums(a * a, 0) / count - mean_a**2
     spread_b = sums(b * b, shift) / count - mean_b**2
-    return (product / count - mean_a * mean_b) / np.sqrt(np.maximum(spread_a * spread_b, 1e-300))
+    score = (product / count - mean_a * mean_b) / np.sqrt(np.maximum(spread_a * spread_b, 1e-300))
+    whole = (spread * count >= WHOLE * len(a) * np.var(x)
+             for spread, x in ((spread_a, a), (spread_b, b)))  # fmt: skip
+    return np.where(np.logical_and(*whole), score, -np.inf)
 
 
 def _tell(what: str, pairs: list, dt: float, clock: bool = False) -> list[str]:

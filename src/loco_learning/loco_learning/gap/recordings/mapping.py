@@ -348,17 +348,15 @@ def _mend(value: Any, index: int) -> Mend:
 
 
 def _unit(name: Any, dimensions: tuple[str, ...], what: str, scaled: bool) -> float:
-    """Size of a unit in SI units; 1 for one of another dimension, which needs a scale."""
-    if units.dimension(name) in dimensions:
-        return units.factor(name)
-    if not scaled:
+    """Size of a unit in the SI unit of its dimension; one of another dimension needs a scale."""
+    if units.dimension(name) not in dimensions and not scaled:
         legal = [u for u, (d, _) in units.UNITS.items() if d in dimensions]
         raise ParameterError(
             f"{what} is in {units.unit(name)}, a unit of {units.dimension(name)}, not of "
             f"{' or '.join(dimensions)} ({', '.join(legal)}): correct the unit, or give a scale "
             "that converts it"
         )
-    return 1.0
+    return units.factor(name)
 
 
 def _header(name: Any, value: Any) -> Header:

@@ -67,8 +67,10 @@ def times(name: str, tracks: list[Track]) -> None:
     for track in tracks:
         if track.role != "q" or len(track.t) < 3:
             continue
-        step = float(np.median(np.abs(np.diff(track.t))))
-        if np.mean(np.diff(track.t) == 0.0) > FLAT:
+        steps = np.diff(track.t)
+        step = float(np.median(np.abs(steps)))
+        news = (steps != 0.0) | (np.diff(track.x) != 0.0)  # a row may be logged several times
+        if news.any() and np.mean(steps[news] == 0.0) > FLAT:
             raise ParameterError(
                 f"{name}: the time of {track.label} does not rise in most rows (of {len(track.t)} "
                 f"stamps {len(np.unique(track.t))} differ): was it written with too few digits?"
