@@ -89,7 +89,7 @@ def test_apart_is_the_whole_to_the_last_bit(kept, name, specs):
 
 def test_pieces_begin_in_each_limb_where_they_do_in_the_whole(kept):
     plant, rng = loaded(), np.random.default_rng(3)
-    starts = plant.standing + 0.1 * rng.standard_normal((2, 2, 12))
+    starts = plant.standing + 0.1 * rng.standard_normal((2, 3, 12))
     more = {"pieces": Pieces(np.array([[5, 50], [60, 120]]), starts)}
     told = commands(plant)
     equal(Bolted(plant).run(*told, **more), whole(Bolted(plant), *told, **more))

@@ -172,7 +172,7 @@ def test_pieces_are_runs_of_their_own_on_the_clock_of_the_whole():
     told = commands(plant, 90)
     bias = [{"name": "joint_offset", "offset": 0.1, "start": 0.5}]
     bench = Bolted(plant, effects.from_list(bias))
-    state = np.array([[0.2], [0.0]])
+    state = np.array([[0.2], [0.0], [0.0]])
     rows = np.array([[10, 40], [50, 80]])
     run = bench.run(*told, pieces=Pieces(rows, np.stack([state, state])))
     assert np.isnan(run.q[[0, 9, 40, 49, 80]]).all()

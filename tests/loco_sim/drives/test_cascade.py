@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from loco_control.types import MotionCommand, TrunkTorque
-from loco_sim.bolted.loop import Bolted
+from loco_sim.bolted.loop import Bolted, Pieces
 from loco_sim.drives.actuators import Actuators
 from loco_sim.plant.simulation import Simulation
 from loco_sim.robot import robot
@@ -150,3 +150,27 @@ def test_a_motor_that_is_told_a_voltage_runs_at_a_speed():
 )  # fmt: skip
 def test_a_loop_without_a_gain_on_the_position_follows_velocities(drive, command):
     assert ImpedanceDrive(**drive).command == command
+
+
+@pytest.mark.parametrize("engine", ["bolted", "mujoco"])
+def test_an_integrator_that_holds_the_weight_keeps_the_robot_still(engine):
+    """Begun with the torque that the weight needs, no joint sags, at once and without a rest."""
+    gains = {f"drives.*.{key}": value for key, value in {"kp": 60.0, "kd": 6.0, "ki": 90.0}.items()}
+    plant = dataclasses.replace(
+        robot.load("hyq_leg", {**gains, "sim.engine": "mujoco"}), sensors=None
+    )
+    q, none = plant.standing, np.zeros(len(plant.joints))
+    machine = Bolted(plant)
+    weight = machine.needed(q[None], none[None], none[None])[1][0] @ machine.gravity
+    moved = []
+    for integral in (weight, none):
+        if engine == "bolted":
+            told = np.tile(q, (50, 1))
+            start = Pieces(np.array([[0, 50]]), np.array([[q, none, integral]]))
+            moved.append(np.ptp(machine.run(told, pieces=start).q, axis=0).max())
+        else:
+            with Simulation(None, (), 0, None, plant) as sim:
+                sim.place(q, none, integral=integral)
+                states = [sim.step(MotionCommand(k, 0.0, q, none)).q for k in range(50)]
+            moved.append(np.ptp(states, axis=0).max())
+    assert moved[0] < 1e-4 < 1e-2 < moved[1]

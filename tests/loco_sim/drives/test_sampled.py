@@ -152,7 +152,7 @@ def test_pieces_that_begin_between_samples_meet_the_next_one():
     machine = Bolted(plant, dt=0.004)
     whole = machine.run(q, dq)
     first = 18  # a sample is due at 20
-    start = np.array([[whole.q[first], whole.dq[first]]])
+    start = np.array([[whole.q[first], whole.dq[first], np.zeros(len(plant.joints))]])
     piece = machine.run(q, dq, pieces=Pieces(np.array([[first, 40]]), start))
     jumps = np.abs(np.diff(piece.tau[first + 1 :, 0]))
     assert np.all(jumps[[1, 5, 9]] > 1e-6) and np.all(jumps[[0, 2, 3, 4, 6, 7, 8]] < 1e-9)

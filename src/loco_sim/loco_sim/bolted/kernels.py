@@ -7,14 +7,14 @@ import numpy as np
 from numba import njit
 
 from ..drives.actuators import COMMANDS, add_springs, asked, drive_torques
-from ..drives.servo_kernels import ROTOR, SPIN
+from ..drives.servo_kernels import INTEGRAL, ROTOR, SPIN
 from ..effects.laws import OF_DRIVE, OF_JOINT, bend, budgets, copy_rows, motors, torques
 from ..effects.rows import GAIN, LIMIT, ON_MOTOR, SAG, SPEED_LINE
 from ..jit import kernel
 from ..world.braking import split
 from .dynamics import advance, workshop
 
-MADE_OF = "254de626f9db"  # of the called kernels, see tests/loco_sim/test_kernel_caches.py
+MADE_OF = "d0ac758e95bf"  # of the called kernels, see tests/loco_sim/test_kernel_caches.py
 
 
 @njit(cache=True, error_model="numpy")
@@ -57,6 +57,7 @@ def simulate(orders, out, memories, room):
             q[i], dq[i], mean[i] = starts[w, 0, order[i]], starts[w, 1, order[i]], 0.0
             rotors[i] = 0.0
             rotors[i, ROTOR], rotors[i, SPIN] = starts[w, 0, i], starts[w, 1, i]
+            rotors[i, INTEGRAL] = starts[w, 2, i]
         memory[:] = 0.0
         line[:] = 0.0
         step = pieces[w, 0] * steps

@@ -31,7 +31,7 @@ class Orders(NamedTuple):
         order: Index among the robot's joints of each joint of the tree, (n,).
         gravity: Acceleration of gravity [m/s²], (3,).
         pieces: First row of each piece and the row after its last, (w, 2).
-        starts: Initial positions and velocities of each piece, in the robot's order, (w, 2, n).
+        starts: Initial state of each piece as in `loop.Pieces`, in the robot's order, (w, 3, n).
         targets: Commands as in `actuators.drive_torques`, in the robot's order, (k, COMMANDS, n).
         which: Row of `targets` for each physics step, (T * steps,).
         power: Supply and switch of each row, (T, 2).

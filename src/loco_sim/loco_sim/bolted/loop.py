@@ -55,7 +55,7 @@ class Pieces(NamedTuple):
     """Sections of a run, each with its own initial state."""
 
     rows: np.ndarray  # first row of each piece and the row after its last, (w, 2) integers
-    starts: np.ndarray  # initial positions and velocities, (w, 2, n)
+    starts: np.ndarray  # initial positions, velocities, torques of integrators, (w, 3, n)
 
 
 class Bolted:
@@ -196,7 +196,7 @@ class Bolted:
         forces = laid_out(self._effects, self._frames, self.robot.height, self.physics_dt)
         if pieces is None:
             q, dq = (self.robot.standing, none[0]) if start is None else start
-            pieces = Pieces(np.array([[0, rows]]), np.array([[q, dq]], dtype=float))
+            pieces = Pieces(np.array([[0, rows]]), np.array([[q, dq, none[0]]], dtype=float))
         stop_speed = np.zeros((len(pieces.rows), n))
         for row, q in enumerate(pieces.starts[:, 0] if len(brakes.plan) else ()):
             stop_speed[row] = braking.stopped_per_torque(self.inertia(q), self.physics_dt)

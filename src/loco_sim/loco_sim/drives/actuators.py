@@ -19,6 +19,7 @@ from ..robot.servo import AVERAGED, EFFORT, IMPEDANCE, PERIOD, SERVO, TORQUE
 from ..robot.servo import COLUMNS as DRIVE_COLUMNS
 from ..robot.spring import COLUMNS as SPRING_COLUMNS
 from .servo_kernels import (
+    INTEGRAL,
     MEMORY,
     ROTOR,
     SPIN,
@@ -155,10 +156,19 @@ class Actuators:
         self._command[0] = q
         self.supply = self.on = 1.0
 
-    def start(self, q: np.ndarray, dq: np.ndarray, step: int = 0) -> None:
-        """As `reset`, with the rotors turning at the joint velocities `dq` [rad/s], (n,)."""
+    def start(
+        self, q: np.ndarray, dq: np.ndarray, step: int = 0, integral: np.ndarray | float = 0.0
+    ) -> None:
+        """As `reset`, with rotors that turn at the joint velocities and integrators that are not 0.
+
+        Args:
+            q: Joint positions [rad], (n,).
+            dq: Joint velocities [rad/s], (n,).
+            step: Number of the next physics step.
+            integral: Torques of the integrators [N·m], (n,).
+        """
         self.reset(q, step)
-        self._rotors[:, SPIN] = dq
+        self._rotors[:, SPIN], self._rotors[:, INTEGRAL] = dq, integral
 
     def rows(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Parameters of drives and of springs, and state of the drives, as in `drive_torques`."""

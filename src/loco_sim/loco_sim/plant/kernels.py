@@ -16,7 +16,7 @@ from ..effects.laws import OF_DRIVE, OF_JOINT, bend, budgets, copy_rows, motors,
 from ..world.hinges import torque as hinge_torque
 from .sensing import BASE
 
-MADE_OF = "b372c0278e20"  # of the kernels called here: see tests/loco_sim/test_kernel_caches.py
+MADE_OF = "621a255b9b7b"  # of the kernels called here: see tests/loco_sim/test_kernel_caches.py
 
 
 @intrinsic

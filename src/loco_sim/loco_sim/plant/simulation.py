@@ -158,7 +158,13 @@ class Simulation:
         self._rebuild()
         return self._begin(self._standing)
 
-    def _begin(self, q: np.ndarray, dq: np.ndarray | None = None, tick: int = 0) -> RobotState:
+    def _begin(
+        self,
+        q: np.ndarray,
+        dq: np.ndarray | None = None,
+        tick: int = 0,
+        integral: np.ndarray | float = 0.0,
+    ) -> RobotState:
         """Reset effects, drives and sensors, and measure."""
         for effect, rng in zip(self._effects, streams(self._effects, self._seed), strict=True):
             effect.reset(rng)
@@ -168,7 +174,7 @@ class Simulation:
         if dq is None:
             self._drive.reset(q, self._step)
         else:
-            self._drive.start(q, dq, self._step)
+            self._drive.start(q, dq, self._step, integral)
         if self._sensors:
             self._sensors.reset(self._seed)
         plant = self._world, self._drive, self._effects
@@ -189,6 +195,7 @@ class Simulation:
         base: Base | None = None,
         rebuild: bool = True,
         tick: int = 0,
+        integral: np.ndarray | float = 0.0,
     ) -> RobotState:
         """Set an initial state, and measure.
 
@@ -199,11 +206,12 @@ class Simulation:
             rebuild: Rebuild the world. Without it the world keeps its contact history, which
                 does not matter for a robot without contacts.
             tick: Number of the first tick, which determines the time windows of effects.
+            integral: Torques of the integrators of the drives [N·m], (n,).
         """
         if rebuild and not self._world.forget():
             self._rebuild()
         self._world.put(q, dq, base)
-        return self._begin(np.array(q, dtype=float), np.array(dq, dtype=float), tick)
+        return self._begin(np.array(q, dtype=float), np.array(dq, dtype=float), tick, integral)
 
     # ---- one control period ------------------------------------------------------
 

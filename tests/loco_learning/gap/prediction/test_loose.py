@@ -3,18 +3,22 @@
 
 from __future__ import annotations
 
+from copy import copy
 from dataclasses import replace
 
 import numpy as np
 import pytest
+import yaml
 
 from loco_learning.gap.fitting.fit import weigh
 from loco_learning.gap.prediction import case as cases
 from loco_learning.gap.prediction import loose
 from loco_learning.gap.prediction.forward import Forward
+from loco_learning.gap.prediction.running import Start
 from loco_learning.gap.recordings.record import Record
 from loco_learning.gap.statistics import evidence
 from loco_sim.plant.model import Model
+from loco_sim.robot import robot
 
 FRICTION = {"name": "coulomb_friction", "torque": 3.0}
 OFF = {"bodies.carriage.mass": 1.02, "drives.slide.kp": 1970.0, "drives.slide.kd": 59.1}
@@ -55,6 +59,65 @@ def test_where_a_record_begins_is_no_gap():
     case = cases.prepare(Forward(forward.model, [record]), [record], [])
     assert evidence.rms(case.bare([])) > 1.5 * evidence.rms(case.kept().whitened([]))
     assert evidence.rms(case.kept().whitened([])) < 1.1
+
+
+LOOPS = {
+    "pid": {"kp": 8.0, "kd": 0.6, "ki": 20.0},
+    "cascade": {"kd": 0.6, "position_gain": 12.0, "speed_ki": 3.0, "speed_feed": 0.5},
+}
+
+
+@pytest.fixture(params=LOOPS)
+def lifted(request, tmp_path):
+    """Function that makes recordings of a rod that is lifted by a drive with an integrator."""
+    urdf = (robot.load("servo_pendulum").folder / "servo_pendulum.urdf").read_text()
+    (tmp_path / "rod.urdf").write_text(urdf)
+    drive = {"kind": "impedance", **LOOPS[request.param]}
+    about = {"urdf": "rod.urdf", "joints": ["pivot"], "fixed_base": True, "standing": [0.8],
+             "control_rate": 100, "drives": {"pivot": drive}}  # fmt: skip
+    (tmp_path / "robot.yaml").write_text(yaml.safe_dump(about))
+    model, rng = Model(str(tmp_path)), np.random.default_rng(4)
+
+    def make(first, effects=(), rest=0.0):
+        t, made = np.arange(700) / 100.0, []
+        for at in (0.0, 1.0):
+            told = 0.8 + 0.3 * np.sin(4.0 * t + at) * (t > rest)
+            command = {"position": told[:, None]}
+            q = np.full((len(t), 1), 0.8)
+            empty = Record("r", t, command, ("pivot",), {"q": q}, ("pivot",))
+            forward = Forward(model, [empty])
+            forward._starts = [[Start(0, len(t), np.array([0.8]), np.zeros(1))]]
+            (q,) = forward(effects, step=1 / 8)
+            q = q + 1e-4 * rng.standard_normal(q.shape)
+            made.append(replace(empty, signals={"q": q}).rows(first, first + 400))
+        return cases.prepare(Forward(model, made), made[:1], made[1:])
+
+    return make
+
+
+@pytest.mark.parametrize(
+    ("first", "rest"), [(0, 0.0), (137, 0.0), (220, 0.0), (200, 2.5)],
+    ids=["switched on", "moving", "turning", "at rest under load"],
+)  # fmt: skip
+def test_what_an_integrator_holds_when_a_record_begins_is_no_gap(lifted, first, rest):
+    case = lifted(first, rest=rest)
+    other = replace(case, forward=copy(case.forward), loose=None)
+    other.forward._starts = [
+        [s._replace(integral=0.0) for s in each] for each in case.forward.starts
+    ]
+    assert evidence.rms(case.kept().whitened([])) < 1.1
+    if first:
+        assert evidence.rms(other.bare([])) > 30.0
+    else:
+        assert all(each[0].integral == 0.0 for each in case.forward.starts)
+
+
+def test_an_effect_is_told_from_what_an_integrator_holds(lifted):
+    """Friction holds a part of the weight of the rod, too."""
+    rubs = [{"name": "coulomb_friction", "torque": 0.05}]
+    case = lifted(137, rubs)
+    assert evidence.rms(case.suited([], {})[0]) > 5.0
+    assert evidence.rms(case.relined(rubs).suited(rubs, {})[0]) < 1.2
 
 
 def test_deviations_stay_within_what_is_believed():

@@ -227,7 +227,7 @@ def test_however_unevenly_a_sensor_reads_the_state_is_that_of_the_motion(ratio, 
         tracks = [Track("q", "pivot", read, 0.3 + 0.2 * read, "q"),
                   Track("command_position", "pivot", told, 0.3 + 0.2 * told, "c")]  # fmt: skip
         record = align.record("r", tracks, plant)
-        (q,), (dq,) = windows.first_state(record, plant)
+        (q,), (dq,), _ = windows.first_state(record, plant)
         near = 0.1 / axis  # a reading lies half a sample of the axis off its row at most
         assert q == pytest.approx(0.3, abs=near)
         # The slope at the end of a parabola is at most 160 / 70 errors of five readings a gap.
@@ -336,6 +336,6 @@ def test_the_doubt_of_the_first_speed_covers_what_a_parabola_of_a_wave_is_off(dt
         wave = 0.3 * np.sin(6.0 * np.pi * t + a) + 0.1 * np.sin(10.2 * np.pi * t + b)
         speed = 1.8 * np.pi * np.cos(a) + 1.02 * np.pi * np.cos(b)
         read = wave + noise * rng.standard_normal(len(t))
-        _, rate, _, doubt = windows._first(t, read, noise, np.zeros(len(t)))
+        _, rate, _, _, doubt = windows._first(t, read, noise, np.zeros(len(t)))
         off.append((rate - speed) / doubt)
     assert np.mean(np.abs(off) > 2.5) < 0.08

@@ -20,7 +20,6 @@ from loco_learning.gap.recordings.tracks import Track
 from loco_learning.gap.setup.bench import busiest
 from loco_learning.jobs import pool
 from loco_sim.bolted import kernels
-from loco_sim.robot.servo import ImpedanceDrive
 
 SHOWS = 0.75
 
@@ -268,14 +267,3 @@ def test_the_excerpt_of_a_slow_log_is_where_it_moves(every):
     record = SimpleNamespace(t=t, dt=0.005, signals={"q": q}, rows=lambda a, b: (t[a], t[b - 1]))
     first, last = busiest(record, 2.0)
     assert first > 5.9 and last - first == pytest.approx(2.0)
-
-
-@pytest.mark.parametrize("gains", [{"speed_ki": 1.0}, {"ki": 1.0}])
-def test_the_excerpt_of_a_drive_with_an_integrator_is_where_the_recording_begins(gains):
-    """Later, nobody knows what the integrator holds: a weight was taken for an inclined base."""
-    t = 0.005 * np.arange(2000)
-    q = np.where(t > 6.0, np.sin(8.0 * (t - 6.0)), 0.0)[:, None]
-    record = SimpleNamespace(t=t, dt=0.005, signals={"q": q}, rows=lambda a, b: (t[a], t[b - 1]))
-    drives = [ImpedanceDrive(kp=1.0, kd=1.0, **more) for more in (gains, {})]
-    first, other = (busiest(record, 2.0, SimpleNamespace(drives={"j": d})) for d in drives)
-    assert first == (0.0, pytest.approx(2.0)) and other[0] > 5.9

@@ -17,7 +17,7 @@ from ..params import GapParams
 from ..prediction import case as cases
 from ..prediction.case import Case
 from ..recordings.record import FIT, Record, bridged
-from ..setup.bench import busiest, robot_of
+from ..setup.bench import busiest
 from ..statistics import evidence
 from ..statistics.leftover import LIMITS, has_gap
 from .params import FleetParams
@@ -116,7 +116,7 @@ def call(setting: Setting, task: Callable[..., Any], *arguments: Any) -> Any:
 def excitation(setting: Setting, file: tuple) -> Excitation:
     """Length and information of a recording."""
     record = _longest(setting, file)
-    part = _part(setting, record, setting.params.seconds)
+    part = busiest(record, setting.params.seconds)
     every = max(1, round(AXIS / part.dt))
     q = bridged(part.signals["q"])[: len(part.t) // every * every]
     q = q.reshape(-1, every, q.shape[1]).mean(axis=1)
@@ -217,12 +217,7 @@ def _longest(setting: Setting, file: tuple) -> Record:
 
 def _excerpt(setting: Setting, file: tuple, seconds: float) -> Record:
     """The simulated part of a recording, as one to fit."""
-    return replace(_part(setting, _longest(setting, file), seconds), role=FIT)
-
-
-def _part(setting: Setting, record: Record, seconds: float) -> Record:
-    """The part of a recording that moves most, see `busiest`."""
-    return busiest(record, seconds, robot_of(setting.model, record))
+    return replace(busiest(_longest(setting, file), seconds), role=FIT)
 
 
 def _case(setting: Setting, file: tuple, overrides: Mapping[str, Any]) -> Case:

@@ -209,6 +209,8 @@ class Case:
     def _moved(self, starts: Sequence[np.ndarray]) -> tuple[np.ndarray, ...]:
         """Change of the initial state of each record [rad, rad/s], (2n,), from its deviations."""
         spreads = self.forward.doubtful() if starts else []
+        count = 2 * len(self.forward.robot().joints)
+        spreads = [spread[:count] for spread in spreads]
         pairs = zip(starts, spreads, strict=True)
         return tuple(by[: len(spread)] * spread[: len(by)] for by, spread in pairs)
 

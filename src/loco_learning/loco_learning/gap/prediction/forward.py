@@ -83,7 +83,7 @@ class Forward:
     def __init__(
         self, model: Model, records: Sequence[Record], params: ForwardParams | None = None
     ):
-        """Prepare channels and initial states from the records; nothing is simulated.
+        """Prepare channels and initial states from the records.
 
         Args:
             model: Robot, overrides and effects; effects of a call are appended.
@@ -111,8 +111,8 @@ class Forward:
             for robot in robots
         ]
         self._starts = [
-            windows.pieces(*pair, length) if length else start(*pair)
-            for pair, length in zip(both, self._lengths, strict=True)
+            windows.pieces(*pair, length) if length else with_integrals(*pair, told, start(*pair))
+            for pair, told, length in zip(both, self._told, self._lengths, strict=True)
         ]
         if not self.params.window:
             self._starts = [
@@ -123,6 +123,24 @@ class Forward:
             self._weighed(index, measured(robot, self.channels, self.records[index]))
             for index, robot in enumerate(robots)
         ]
+        if any(np.any(s.integral) for starts in self._starts for s in starts):
+            self._starts = self._switched_on()
+
+    def _switched_on(self) -> list[list[Start]]:
+        """Initial states, with integrators of 0 in records that these predict better.
+
+        Drives are switched on there, and the acceleration just after that is hardly known.
+        """
+        empty = copy(self)
+        empty._starts = [[s._replace(integral=0.0) for s in each] for each in self._starts]
+        found = []
+        runs = zip(self(), empty(), self.measured, self._starts, empty._starts, strict=True)
+        for loaded, unloaded, wanted, *states in runs:
+            rows = np.isfinite(wanted) & np.isfinite(loaded)
+            first, second = (np.sum(np.where(rows, p - wanted, 0.0) ** 2, axis=0)
+                             for p in (loaded, unloaded))  # fmt: skip
+            found.append(states[int(np.sum(second < first) > 0.5 * np.sum(rows.any(axis=0)))])
+        return found
 
     def _weighed(self, index: int, values: np.ndarray) -> np.ndarray:
         params, dt, window = self.params, self.records[index].dt, self._lengths[index]
@@ -269,25 +287,24 @@ class Forward:
         return other
 
     def doubtful(self) -> list[np.ndarray]:
-        """Standard deviation of each initial state: joint positions, then velocities, (2n,).
+        """Standard deviation of each initial state, (2n + m,).
 
-        Empty if a record is divided into pieces, or if its robot is initially at rest.
+        Joint positions, then velocities, then torques of the m integrators of drives. Empty if a
+        record is divided into pieces, or if its robot is initially at rest without an integrator.
         """
-        return [
-            np.concatenate(windows.first_doubt(record, self.robot(i)))
-            if starts and not self._lengths[i]
-            else np.zeros(0)
-            for i, (record, starts) in enumerate(zip(self.records, self._starts, strict=True))
-        ]
+        found = []
+        for i, (record, starts) in enumerate(zip(self.records, self._starts, strict=True)):
+            limits = running.integral_limits(self.robot(i))
+            doubt = *windows.first_doubt(record, self.robot(i)), limits[limits > 0.0]
+            found.append(np.concatenate(doubt if starts and not self._lengths[i] else [[]]))
+        return found
 
     def begun_at(self, by: Sequence[np.ndarray]) -> Forward:
-        """Copy with initial states changed by `by`: positions, then velocities, (2n,) each."""
+        """Copy with initial states changed by `by`, as in `doubtful`; empty for no change."""
         other = copy(self)
         other._starts = [
-            [s._replace(q=s.q + d[: len(s.q)], dq=s.dq + d[len(s.q) :]) for s in starts]
-            if len(d)
-            else starts
-            for starts, d in zip(self._starts, by, strict=True)
+            [_moved(s, d, self.robot(i)) for s in starts] if len(d) else starts
+            for i, (starts, d) in enumerate(zip(self._starts, by, strict=True))
         ]
         return other
 
@@ -422,7 +439,7 @@ def start(record: Record, robot: Robot) -> list[Start]:
     Joints that were not measured have their standing position.
     """
     q, standing = record.joints_of(robot, "q"), robot.standing
-    at, speed = windows.first_state(record, robot)
+    at, speed, _ = windows.first_state(record, robot)
     known = np.isfinite(q).any(axis=0) & np.isfinite(at)
     if not known.any():
         return []
@@ -433,6 +450,17 @@ def start(record: Record, robot: Robot) -> list[Start]:
         return []
     moving = np.where(known, at, standing), np.where(known, speed, 0.0)
     return [Start(0, len(record.t), *moving)]
+
+
+def with_integrals(
+    record: Record, robot: Robot, told: running.Orders, starts: list[Start]
+) -> list[Start]:
+    """Initial states with the integrators of the drives as the measured motion needs them."""
+    if not robot.fixed_base or not running.integral_limits(robot).any():
+        return starts
+    state = windows.first_state(record, robot)
+    integral = running.integrals(robot, told, running.period(record), state)
+    return [Start(0, len(record.t), *state[:2], integral=integral)]
 
 
 def _home(record: Record, robot: Robot, q: np.ndarray) -> np.ndarray:
@@ -499,6 +527,15 @@ def _nudged(record: Record, robot: Robot, starts: list[Start], speed: float) -> 
     change[robot.driven] = speed
     starts = starts or _still(record, robot.standing)
     return [piece._replace(dq=piece.dq + change) for piece in starts]
+
+
+def _moved(begin: Start, by: np.ndarray, robot: Robot) -> Start:
+    """An initial state changed by `by`, in the order of `Forward.doubtful`."""
+    q, dq, torques = np.split(by, [len(begin.q), 2 * len(begin.q)])
+    integral = np.zeros(len(q))
+    if len(torques):
+        integral[running.integral_limits(robot) > 0.0] = torques
+    return begin._replace(q=begin.q + q, dq=begin.dq + dq, integral=begin.integral + integral)
 
 
 def _still(record: Record, q: np.ndarray) -> list[Start]:

@@ -22,6 +22,7 @@ from ..statistics import evidence
 from .nominal import legal, nominal_value
 
 PART = 0.5  # simulated change, in standard deviations; the rest is taken as linear (taste)
+INTEGRAL = 1e-3  # simulated change of an integrator over its limit: below dry friction (taste)
 ROUNDS = 3  # updates of the weights, each from the residual of the previous one (taste)
 TIMES, NEAR = 4, 0.5  # most linearisations, and deviations that need no further one (taste)
 MOST = 2.5  # largest deviation of a value where a motion is compared: beyond, it is an effect
@@ -395,9 +396,10 @@ def _about(
         columns.append(_per(there, here, moved[k] - loose.at[k]))
     count = max((len(s) for s in starts), default=0)
     for k in range(count):
-        by = [s * (np.arange(count) == k)[: len(s)] for s in starts]
+        part = 1.0 if k < 2 * len(case.forward.robot().joints) else INTEGRAL
+        by = [part * s * (np.arange(count) == k)[: len(s)] for s in starts]
         other = replace(case, forward=case.forward.begun_at(by), loose=None)
-        columns.append(_per(other.bare(specs, loose.values(loose.at), coarse=True), here, 1.0))
+        columns.append(_per(other.bare(specs, loose.values(loose.at), coarse=True), here, part))
     found = [np.stack(each, axis=-1) for each in zip(*columns, strict=True)]
     values = len(loose.at)
     for i, own in enumerate(starts):  # a record without deviations has no columns of its own

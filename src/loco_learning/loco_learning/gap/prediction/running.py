@@ -11,6 +11,7 @@ import numpy as np
 
 from loco_control.exceptions import DivergedError, ParameterError
 from loco_sim.bolted.loop import Bolted, Pieces, needs_engine
+from loco_sim.drives.actuators import Actuators
 from loco_sim.effects.base import Effect
 from loco_sim.plant.orders import Orders, ramped
 from loco_sim.plant.simulation import Simulation
@@ -30,6 +31,7 @@ class Start(NamedTuple):
     q: np.ndarray  # joint positions [rad or m], (n,)
     dq: np.ndarray  # joint velocities, (n,)
     base: Base | None = None  # None: as after a reset
+    integral: np.ndarray | float = 0.0  # torques of the integrators [N·m or N], (n,)
 
 
 def period(record: Record) -> float:
@@ -84,6 +86,46 @@ def _servos(drives: Sequence[Any]) -> np.ndarray:
     return np.array([isinstance(drive, ServoParams) for drive in drives], dtype=bool)
 
 
+def integral_limits(robot: Robot) -> np.ndarray:
+    """Largest torque of the integrator of each joint [N·m or N], (n,); 0 without one.
+
+    Where neither drive nor joint has a limit, it is the torque by an error of 1 rad or m for 1 s.
+    """
+    found = np.zeros(len(robot.joints))
+    for i, joint in enumerate(robot.joints):
+        drive = robot.drives.get(joint)
+        if getattr(drive, "integrates", False):
+            asked = drive.kp + drive.ki + (drive.kd + drive.speed_ki) * (1.0 + drive.position_gain)
+            limit = min(drive.integral_limit, robot.effort[i])
+            found[i] = limit if math.isfinite(limit) else asked
+    return found
+
+
+def integrals(robot: Robot, told: Orders, dt: float, state: np.ndarray) -> np.ndarray:
+    """Torques of integrators with which a robot moves as measured [N·m or N], by inverse dynamics.
+
+    Args:
+        robot: The robot; 0 if it needs the engine.
+        told: Commands.
+        dt: Time between rows [s].
+        state: Joint positions, velocities and accelerations at the first row, (3, n).
+
+    Returns:
+        (n,), within `integral_limits`.
+    """
+    limit = integral_limits(robot)
+    if needs_engine(robot):
+        return np.zeros(len(limit))
+    plant = Bolted(robot, (), 0, dt)
+    moved, weight = plant.needed(*state[:, None])
+    loops = Actuators(robot, plant.physics_dt)
+    loops.limit(np.full(len(limit), np.inf))
+    loops.reset(state[0])
+    loops.follow(*robot.coupled(told.q[0], told.dq[0]))
+    given = np.add(loops.torque(*state[:2]), told.tau[0])
+    return np.clip(moved[0] + weight[0] @ plant.gravity - given, -limit, limit)
+
+
 def run(
     robot: Robot,
     effects: Sequence[Effect],
@@ -111,7 +153,8 @@ def run(
     pieces = None
     if starts:
         rows = np.array([[s.row, s.stop] for s in starts])
-        pieces = Pieces(rows, np.array([[s.q, s.dq] for s in starts], dtype=float))
+        states = [np.broadcast_arrays(s.q, s.dq, s.integral) for s in starts]
+        pieces = Pieces(rows, np.array(states, dtype=float))
     plant = Bolted(robot, made, 0, dt)
     with np.errstate(over="ignore", invalid="ignore"):
         swinging = told.swinging(robot)
@@ -173,7 +216,7 @@ def _with_engine(
             if start.dq is None:
                 sim.reset()
             else:
-                sim.place(start.q, start.dq, start.base, tick=start.row)
+                sim.place(start.q, start.dq, start.base, tick=start.row, integral=start.integral)
             try:
                 for state in sim.follow(told.rows(start.row, start.stop)):
                     track.add(state, sim)

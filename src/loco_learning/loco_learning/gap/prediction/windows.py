@@ -218,23 +218,24 @@ def _joints(record: Record, robot: Robot) -> list[Smooth | None]:
     return found
 
 
-def first_state(record: Record, robot: Robot) -> tuple[np.ndarray, np.ndarray]:
-    """Position [rad or m] and velocity of the joints at the first sample, (n,) each.
+def first_state(record: Record, robot: Robot) -> np.ndarray:
+    """Position [rad or m], velocity and acceleration of the joints at the first sample, (3, n).
 
     Smoothed over the first samples only, so that a robot that first rests and later moves fast is
     smoothed over its rest.
     """
-    q, dq = robot.standing.astype(float), np.zeros(len(robot.joints))
+    state = np.zeros((3, len(robot.joints)))
+    state[0] = robot.standing
     for joint, found in _firsts(record, robot):
-        q[joint], dq[joint] = found[:2]
-    return q, dq
+        state[:, joint] = found[:3]
+    return state
 
 
 def first_doubt(record: Record, robot: Robot) -> tuple[np.ndarray, np.ndarray]:
     """Standard deviations of `first_state`, (n,) each; 0 for joints that were not measured."""
     q, dq = np.zeros(len(robot.joints)), np.zeros(len(robot.joints))
     for joint, found in _firsts(record, robot):
-        q[joint], dq[joint] = found[2:]
+        q[joint], dq[joint] = found[3:]
     return q, dq
 
 
@@ -263,8 +264,8 @@ def _first_of(t: bytes, values: bytes, told: bytes, off: float) -> tuple[float, 
 
 def _first(
     t: np.ndarray, values: np.ndarray, off: float, told: np.ndarray
-) -> tuple[float, float, float, float]:
-    """Value and rate at time 0 with their standard deviations, from a parabola.
+) -> tuple[float, float, float, float, float]:
+    """Value, rate and its rate at time 0, and deviations of the first two, from a parabola.
 
     The parabola is the longest one whose residual is noise. What it misses shows first in the cubic
     coefficient, whose standard deviation from noise is sqrt(7 / n) of that of the noise. A command
@@ -287,8 +288,9 @@ def _first(
     parabola, _ = _fitted(t[:n], values[:n], 2)
     powers = t[:n, None] ** np.arange(min(4, n))
     spread = off * np.sqrt(np.diag(np.linalg.inv(powers.T @ powers)))
-    change = parabola.deriv(2)(0.0) * (t[1] - t[0]) / np.sqrt(12.0)
-    found = parabola(0.0), parabola.deriv()(0.0), spread[0], np.hypot(spread[1], change)
+    bend = parabola.deriv(2)(0.0)
+    change = bend * (t[1] - t[0]) / np.sqrt(12.0)
+    found = parabola(0.0), parabola.deriv()(0.0), bend, spread[0], np.hypot(spread[1], change)
     return tuple(float(x) for x in found)
 
 

@@ -127,7 +127,7 @@ def look(
     robots, how = [robot_of(model, r) for r in records], ForwardParams(window=params.window)
     limit = {"sim.damping_limit": max(LIMBER, robots[0].sim.damping_limit)}
     quick = replace(model, overrides={**model.overrides, **limit})
-    parts = excerpts(records, _seconds(Forward(quick, records[:1], how)), robots[0])
+    parts = excerpts(records, _seconds(Forward(quick, records[:1], how)))
     case = cases.whole(Forward(quick, parts, how), parts)
     robot = case.forward.robot()
     offers = hints.sized(offer(robot, case.signals, hints.find(case, robot)), case.forward)
@@ -264,7 +264,7 @@ def _seconds(forward: Forward) -> float:
     return min(max(work / (effects * EFFORT.runs * rate), floor), EFFORT.total_max)
 
 
-def excerpts(records: Sequence[Record], seconds: float, robot: Robot | None = None) -> list[Record]:
+def excerpts(records: Sequence[Record], seconds: float) -> list[Record]:
     """The part of each recording with the most motion (`busiest`), within a total duration.
 
     Of recordings too many for that, some are chosen, evenly spread.
@@ -272,7 +272,7 @@ def excerpts(records: Sequence[Record], seconds: float, robot: Robot | None = No
     count = min(max(int(seconds / EFFORT.each_min), 1), len(records))
     chosen = np.linspace(0.0, len(records) - 1.0, count).round().astype(int)
     each = max(seconds / count, EFFORT.each_min)
-    return [busiest(records[i], each, robot) for i in chosen]
+    return [busiest(records[i], each) for i in chosen]
 
 
 def untested(robots: Sequence[Robot]) -> list[str]:

@@ -99,7 +99,7 @@ class Bench:
         chosen = [r for r, e in zip(records, engine, strict=True) if not e] or list(records)
         self.free, self.led = all(engine), False
         self.robot = robot_of(model_with(model, changes), chosen[0]) if records else None
-        self.records = [busiest(record, SECONDS, self.robot) for record in chosen[:MOST]]
+        self.records = [busiest(record, SECONDS) for record in chosen[:MOST]]
         self._trials: dict[str, Trial | None] = {}
         self.possible = bool(self.records) and self() is not None and bool(self().joints)
 
@@ -262,17 +262,11 @@ def robot_of(model: Model, record: Record) -> Robot:
     return Model(model.robot, {**model.overrides, **record.overrides}).make_robot()
 
 
-def busiest(record: Record, seconds: float, robot: Robot | None = None) -> Record:
-    """The part of a recording, of at most `seconds`, with the most joint motion.
-
-    The first part if a drive of the robot has an integrator, whose state is known only there.
-    """
+def busiest(record: Record, seconds: float) -> Record:
+    """The part of a recording, of at most `seconds`, with the most joint motion."""
     width = round(seconds / record.dt)
     if width >= len(record.t) - 1:
         return record
-    drives = robot.drives.values() if robot else ()
-    if any(getattr(drive, "integrates", False) for drive in drives):
-        return record.rows(0, width + 1)
     rates = np.diff(bridged(record.signals["q"]), axis=0)
     size = np.maximum(np.sqrt(np.mean(rates**2, axis=0)), 1e-12)
     energy = np.concatenate([[0.0], np.cumsum(np.mean((rates / size) ** 2, axis=1))])
