@@ -223,3 +223,49 @@ def test_a_law_in_several_joints_does_not_count_among_the_effects_of_a_model():
     kinds = [((one,), True), ((one, one), False), ((each, one), True), ((each, one, one), False)]
     for parts, more in kinds:
         assert search._extensible(SimpleNamespace(parts=parts)) is more
+
+
+@pytest.mark.parametrize("unit", [0.1, 1.0, 10.0])
+def test_a_share_of_the_loudest_record_is_told_as_one_of_all(unit):
+    """Whatever the unit: friction that explains half of a record with 0.9 of the energy, 0.45."""
+    levels = 3.0 * unit, 9.0 * unit
+    search = object.__new__(Search)
+    search.params, search.only = GapParams(), [0, 1]
+    vectors = {i: np.full(100, level) for i, level in enumerate(levels)}
+    search.case = SimpleNamespace(
+        vector=lambda specs, overrides, only: np.concatenate([vectors[i] for i in only]),
+        rounds=False,
+    )
+    weak, strong = law("coulomb_friction", "hip", 0.0), law("coulomb_friction", "knee", 0.3)
+    tried = []
+
+    def screened_again(model, hypotheses, only, span, starts):
+        tried.extend(only)
+        return [Screened(h, 0.5, (1.0,)) for h in hypotheses]
+
+    search._tried = screened_again
+    model = SimpleNamespace(whole=[v[:, None] for v in vectors.values()], specs=[], overrides={})
+    again, same = search._alone(model, [weak, strong], 0.3)
+    assert tried == [1] and again.share == pytest.approx(0.45) and same is strong
+
+
+def test_a_further_effect_is_sought_beside_models_of_the_depth_before_alone():
+    depths, base = [], fit_of("", 9.0)
+    search = object.__new__(Search)
+    search.params, search.report, search.joints = GapParams(beam=5), lambda *_: None, ()
+    search.fits = {f"{n}{k}": fit_of(f"{n}{k}", 5.0 / n) for n in (1, 2, 3) for k in range(2)}
+    for key, model in search.fits.items():
+        kinds = ("coulomb_friction", "payload", "end_stop", "backlash")
+        parts = [law(kind, "knee", 0.1).hypothesis for kind in kinds[int(key[1]) :]]
+        model.parts = tuple((h, (1.0,)) for h in parts[: int(key[0])])
+        model.names, model.count = tuple(h.effect for h in parts), len(parts)
+    search.enough = lambda model, base: False
+    search._idle = lambda ranked, depth: False
+    search._deepen = lambda level, found, depth: depths.append(
+        (depth, {len(m.parts) for m in level})
+    )
+    found = SimpleNamespace(
+        base=base, models=[m for m in search.fits.values() if len(m.parts) == 1]
+    )
+    search.together(found)
+    assert depths == [(2, {1}), (3, {2}), (4, {3})][: len(depths)] and len(depths) > 1

@@ -168,11 +168,6 @@ def test_expected_odds_of_a_gain_and_of_a_loss_are_inverse_and_those_of_its_norm
     )
 
 
-def test_what_is_closed_depends_on_no_unit():
-    shares = [evidence.closed(*(unit * np.array([9.0, 4.0, 2.0]))) for unit in (0.3, 1.0, 5.0)]
-    assert shares == pytest.approx([1.0 - np.sqrt(12.0 / 77.0)] * 3)
-
-
 @pytest.mark.parametrize("share", [0.0, 0.3, 0.9, 1.0])
 def test_what_is_closed_is_the_same_whether_rms_or_residuals_tell_it(share):
     """A share of the rms above noise: noise itself cannot be closed."""

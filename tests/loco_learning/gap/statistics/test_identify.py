@@ -56,6 +56,17 @@ def test_the_worst_direction_is_told_in_words():
     assert found.alike[0][2] < -identify.SAME_DIRECTION
 
 
+@pytest.mark.parametrize("factor", [0.01, 100.0])
+def test_errors_scale_as_the_noise_and_directions_stay(factor):
+    """The same data with the noise divided by a factor."""
+    j = columns(np.sin, lambda t: -np.sin(t) + 0.01 * np.cos(t))
+    found, scaled = (identify.analyse(by * j, ["a", "b"]) for by in (1.0, factor))
+    assert scaled.worst == found.worst
+    assert scaled.condition == pytest.approx(found.condition)
+    assert scaled.worst_error == pytest.approx(found.worst_error / factor)
+    np.testing.assert_allclose(scaled.errors, found.errors / factor)
+
+
 def test_what_nuisance_can_imitate_is_no_likeness():
     """Two effects that share only what a nuisance explains are told apart, and inversely."""
     j = columns(

@@ -89,20 +89,17 @@ def by_channel(residuals: Sequence[np.ndarray]) -> list[float]:
     return [rms([r[:, [c]] for r in residuals]) for c in range(residuals[0].shape[1])]
 
 
-def closed(before: float, after: float, floor: float = 1.0) -> float:
+def closed(before: float, after: float) -> float:
     """Share of the rms above noise that is closed, 1 = down to the floor, below 0 = worse.
 
-    ``1 - sqrt((after² - floor²) / (before² - floor²))``; 0 when there was no gap to close.
+    ``1 - sqrt((after² - 1) / (before² - 1))``; 0 when there was no gap to close.
 
     Args:
         before: Whitened rms of the initial model [floors].
         after: Whitened rms of the model with the effect [floors].
-        floor: 1, unless another level is known to be the lowest possible.
     """
-    gap = before**2 - floor**2
-    if not gap > 1e-9:
-        return 0.0
-    return 1.0 - math.sqrt(max(after**2 - floor**2, 0.0) / gap)
+    gap = before**2 - 1.0
+    return 1.0 - math.sqrt(max(after**2 - 1.0, 0.0) / gap) if gap > 1e-9 else 0.0
 
 
 def excess(residuals: Sequence[np.ndarray]) -> float:
