@@ -4,6 +4,7 @@
 One-joint benches and Tigrillo, whose worlds are built in a blink; HyQ is in `test_base`.
 """
 
+import copy
 import math
 from dataclasses import fields, replace
 
@@ -17,6 +18,8 @@ from loco_sim.effects.base import EFFECTS, ON_TORQUES, overrides
 from loco_sim.effects.chain import JointEffect
 from loco_sim.effects.identity import PLANT_SIGNALS, SENSOR_SIGNALS, SITES
 from loco_sim.effects.places import outward
+from loco_sim.effects.readings import Layout, Measuring
+from loco_sim.effects.rows import MEMORY
 from loco_sim.plant.simulation import Simulation
 from loco_sim.robot import robot
 from loco_sim.robot.servo import TorqueDrive
@@ -139,6 +142,29 @@ def test_an_effect_changes_what_it_says_and_nothing_else(name, effect, bare):
     assert all(
         a.contact.tobytes() == b.contact.tobytes() for a, b in zip(measured, before, strict=True)
     )
+
+
+MEASURING = [(r, e) for r, e in PAIRS if issubclass(EFFECTS[e], Measuring)]
+
+
+@pytest.mark.parametrize(("name", "effect"), MEASURING)
+def test_readings_of_a_run_change_as_those_of_its_samples_and_no_others(name, effect):
+    made, rng, times = clear(effect), np.random.default_rng(0), 0.01 * np.arange(5)
+    with plant(name, [made]) as sim:
+        run(sim)
+        at = Layout(len(sim.robot.joints), len(sim.robot.feet))
+        values = rng.normal(size=(len(times), at.size))
+        memory = rng.normal(size=(len(times), len(sim.robot.joints), MEMORY))
+        twin = made if made.remembers else copy.deepcopy(made)
+        each, whole = values.copy(), values.copy()
+        for row, own, t in zip(each, memory, times, strict=True):
+            if made.remembers:
+                made.memory[:] = own[made.in_chain]
+            made.measure(row, at, t)
+        twin.measure_run(whole, at, times, memory)
+    assert whole.tobytes() == each.tobytes()
+    changed = {s for s in SENSOR_SIGNALS if np.any(each[:, at[s]] != values[:, at[s]])}
+    assert changed <= set(EFFECTS[effect].identity.touches)
 
 
 @pytest.mark.parametrize("effect", NAMES)

@@ -46,7 +46,7 @@ def swept(t: float, first: float, last: float, sweep: float) -> tuple[float, flo
 
 
 def _integral(s: float, first: float, rate: float) -> float:
-    """Turns of the first `s` seconds of a sweep."""
+    """Phase of an exponential sweep after `s` seconds [turns]: the integral of its frequency."""
     return first * s if abs(rate * s) < 1e-9 else first * math.expm1(rate * s) / rate
 
 

@@ -203,9 +203,11 @@ class Bolted:
         measures = [
             (*span(effect, self.physics_dt), effect)
             for effect in self._effects
-            if isinstance(effect, Measuring) and not effect.absent()
+            if isinstance(effect, Measuring)
+            and not effect.absent()
+            and not set(Run._fields).isdisjoint(effect.identity.touches)
         ]
-        needs_memory = any(not effect.by_itself for *_, effect in measures)
+        needs_memory = any(effect.remembers for *_, effect in measures)
         out = np.full((rows, 3, n), np.nan)
         memory_rows = np.zeros((rows if needs_memory else 0, *change.memory.shape))
         power = np.ones((rows, 2)) if power is None else np.array(power, dtype=float)
@@ -218,7 +220,7 @@ class Bolted:
             loop.run(inputs, out, memory_rows)
         else:
             limbs.KEPT.run(inputs, self._limbs, out)
-        return self._measured(out, pieces.rows, measures, change, memory_rows)
+        return self._measured(out, pieces.rows, measures, memory_rows)
 
     def _joined(self, brakes: Laws) -> bool:
         """Whether limbs are simulated together: one limb, a shared effect, or several braked.
@@ -258,7 +260,7 @@ class Bolted:
         return heard(changes, motions, which, targets[:, 2:], 0, self.physics_dt)
 
     def _measured(
-        self, out: np.ndarray, pieces: np.ndarray, measures: list, change: Laws, memories: Any
+        self, out: np.ndarray, pieces: np.ndarray, measures: list, memories: np.ndarray
     ) -> Run:
         """Sensor readings of a simulated motion `out`, (T, 3, n)."""
         q, dq, tau = (np.ascontiguousarray(out[:, i]) for i in range(3))
@@ -275,14 +277,9 @@ class Bolted:
         live = np.flatnonzero(np.all(np.isfinite(out), axis=(1, 2)))
         for first, last, effect in measures:
             samples = live[(first <= live * self._steps) & (live * self._steps < last)]
-            if effect.by_itself:
-                readings = values[samples]
-                effect.measure(readings, at, 0.0)
-                values[samples] = readings
-                continue
-            for row in samples:
-                change.memory[:] = memories[row]
-                effect.measure(values[row], at, row * self.dt)
+            readings, memory = values[samples], memories[samples] if len(memories) else memories
+            effect.measure_run(readings, at, samples * self.dt, memory)
+            values[samples] = readings
         return Run(*(values[:, at[name]] for name in ("q", "dq", "tau")))
 
     def _sensed(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -55,7 +55,7 @@ class Chain:
         self._const = np.concatenate([e.rows for e in effects])
         self._memory = np.zeros((rows[-1], MEMORY))
         for effect, a, b in zip(effects, rows[:-1], rows[1:], strict=True):
-            effect.memory = self._memory[a:b]
+            effect.memory, effect.in_chain = self._memory[a:b], slice(a, b)
         self._line = np.zeros(self._lay_lines())
 
     def _lay_lines(self) -> int:

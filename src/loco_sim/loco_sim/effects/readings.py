@@ -125,9 +125,11 @@ class Measuring:
     Attributes:
         by_itself: Whether a reading depends on the current values only, so that `measure`
             accepts many samples at once, (T, at.size).
+        remembers: Whether a reading depends on the memory of the effect's law (`Laws.memory`).
     """
 
     by_itself: ClassVar[bool] = False
+    remembers: ClassVar[bool] = False
 
     def measure(self, values: np.ndarray, at: Layout, t: float) -> None:
         """Change sensor readings in place.
@@ -138,6 +140,23 @@ class Measuring:
             t: Time [s].
         """
         raise NotImplementedError
+
+    def measure_run(
+        self, values: np.ndarray, at: Layout, times: np.ndarray, memory: np.ndarray
+    ) -> None:
+        """Change the sensor readings of a run in place, as `measure` does in each sample.
+
+        Args:
+            values: All signals, (T, at.size).
+            at: Position of each signal.
+            times: Times of the samples [s], (T,).
+            memory: That of all laws, (T, r, MEMORY), if an effect `remembers`.
+        """
+        if self.by_itself:
+            self.measure(values, at, 0.0)
+            return
+        for row, t in zip(values, times, strict=True):
+            self.measure(row, at, t)
 
     def on_measurement(self, state: RobotState) -> RobotState:
         """The state as measured under this effect alone."""

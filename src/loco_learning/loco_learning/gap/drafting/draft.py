@@ -14,7 +14,7 @@ from ..recordings import tables, units
 from . import words
 
 RATES = (5.0, 5e3)  # plausible rates of logs [Hz]; other units of time are rejected (taste)
-ALSO = "# Also"  # begins the line of each column that is left out for another one
+ALSO = "# Also"  # start of a line on a column that another one replaces
 MOVED = "; nothing else is a command, so this is taken as what moved the joint"
 TURNING = 7.0  # [rad], just above one turn; larger angles are taken as degrees (taste)
 

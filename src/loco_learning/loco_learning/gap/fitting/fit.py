@@ -406,7 +406,7 @@ def jointly(case: Case, model: Fitted, setting: Setting) -> Fitted:
 
 
 def settled(case: Case, parts: Parts, overrides: Mapping[str, Any], cost: float = 0.0) -> Fitted:
-    """As `weigh`, with the step error of the model: values of the robot fitted by simulation."""
+    """Model with refitted values of the robot, corrected for its own step error (see `weigh`)."""
     return weigh(case.corrected(specs_of(parts), overrides), parts, overrides, cost)
 
 

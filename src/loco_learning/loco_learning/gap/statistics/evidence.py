@@ -317,6 +317,8 @@ def _scale(r: np.ndarray) -> np.ndarray:
     seen = np.maximum(np.isfinite(r).sum(0), 1)
     s2 = np.maximum(np.nansum(square, axis=0) / seen, 1.0)
     for _ in range(30):  # expectation-maximisation
-        weight = (NU + 1) / (NU + square / s2)
+        weight, before = (NU + 1) / (NU + square / s2), s2
         s2 = np.maximum(np.nansum(weight * square, axis=0) / seen, 1.0)
+        if np.array_equal(s2, before):
+            break
     return np.sqrt(s2)

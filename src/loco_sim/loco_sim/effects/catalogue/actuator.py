@@ -213,6 +213,7 @@ class SeriesElasticity(Measuring, DriveEffect, name="series_elasticity"):
     inertia: float = parameter(0.02, "inertia of the rotor, at the joint", "kg·m²", 1e-6, 10.0)
     damping: float = parameter(0.05, "damping of the spring", "N·m·s/rad", 0.0, 1000.0)
     law, among = rows.SERIES, "driven"
+    remembers = True
 
     identity = Identity(
         site="compliance",
@@ -244,6 +245,12 @@ class SeriesElasticity(Measuring, DriveEffect, name="series_elasticity"):
     def measure(self, values: np.ndarray, at: Layout, t: float) -> None:
         reading_laws.add_at(values, self.joints, 0, self.memory[:, 2], 1.0)
         reading_laws.add_at(values, self.joints, at.n, self.memory[:, 3], 1.0)
+
+    def measure_run(
+        self, values: np.ndarray, at: Layout, times: np.ndarray, memory: np.ndarray
+    ) -> None:
+        values[:, self.joints] += memory[:, self.in_chain, 2]
+        values[:, at.n + self.joints] += memory[:, self.in_chain, 3]
 
     def energy(self, q: np.ndarray, dq: np.ndarray) -> float:
         stretch, speed = self.memory[:, 2], self.memory[:, 4]
