@@ -150,7 +150,7 @@ class Measuring:
             values: All signals, (T, at.size).
             at: Position of each signal.
             times: Times of the samples [s], (T,).
-            memory: That of all laws, (T, r, MEMORY), if an effect `remembers`.
+            memory: State of all laws, (T, r, MEMORY); (0, r, MEMORY) if no effect `remembers`.
         """
         if self.by_itself:
             self.measure(values, at, 0.0)
