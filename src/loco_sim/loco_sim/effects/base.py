@@ -150,8 +150,8 @@ class Effect:
         `start`.
         """
 
-    def reset(self, rng: np.random.Generator) -> None:
-        """Reset all state; `rng` is this effect's own random stream from now on."""
+    def reset(self, rng: np.random.Generator | None) -> None:
+        """Reset all state; `rng` is the effect's own random stream, None unless it `draws`."""
 
     def on_command(self, q: np.ndarray, dq: np.ndarray, t: float) -> tuple[np.ndarray, np.ndarray]:
         """Motion command as received by the drives.
@@ -307,8 +307,8 @@ def to_list(effects: Iterable[Effect]) -> list[dict[str, Any]]:
     return [{"name": effect.name, **dataclasses.asdict(effect)} for effect in effects]
 
 
-def streams(effects: Iterable[Effect], seed: int) -> list[np.random.Generator]:
-    """One random stream per effect, keyed by the seed and the effect's name.
+def streams(effects: Iterable[Effect], seed: int) -> list[np.random.Generator | None]:
+    """One random stream per effect that draws, keyed by the seed and the effect's name.
 
     Adding an effect does not change the noise of another. An effect listed
     twice gets two streams.
@@ -317,7 +317,8 @@ def streams(effects: Iterable[Effect], seed: int) -> list[np.random.Generator]:
     generators = []
     for effect in effects:
         count = counts[effect.name] = counts.get(effect.name, -1) + 1
-        generators.append(np.random.default_rng([seed, count, *effect.name.encode()]))
+        key = seed, count, *effect.name.encode()
+        generators.append(np.random.default_rng(key) if effect.draws else None)
     return generators
 
 

@@ -6,6 +6,7 @@ from __future__ import annotations
 import xml.etree.ElementTree as ElementTree
 from collections import defaultdict
 from fnmatch import fnmatchcase
+from functools import lru_cache
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -42,21 +43,31 @@ def eligible(robot: Robot, among: str) -> np.ndarray:
 
 def outward(robot: Robot) -> np.ndarray:
     """Index of the next joint outwards of each joint, (n,); -1 if there is none or several."""
-    text, outer = Description(robot.urdf), np.full(len(robot.joints), -1)
-    below = [set(text.below(text.child(joint))) for joint in robot.joints]
-    for i, tree in enumerate(below):
-        after = [j for j, joint in enumerate(robot.joints) if j != i and text.child(joint) in tree]
-        links = {j: text.child(robot.joints[j]) for j in after}
-        firsts = [j for j in after if sum(links[j] in below[k] for k in after) == 1]
-        if len(firsts) == 1:
-            outer[i] = firsts[0]
-    return outer
+    return np.array(_outward(robot.urdf, robot.joints))
 
 
 def turning(robot: Robot) -> np.ndarray:
     """Indices of the revolute joints, (k,)."""
-    joint_types = Description(robot.urdf).joint_types()
-    return np.flatnonzero([joint_types[joint] != "prismatic" for joint in robot.joints])
+    return np.array(_turning(robot.urdf, robot.joints), dtype=np.int64)
+
+
+@lru_cache(maxsize=64)
+def _outward(urdf: str, joints: tuple[str, ...]) -> tuple[int, ...]:
+    text, outer = Description(urdf), [-1] * len(joints)
+    below = [set(text.below(text.child(joint))) for joint in joints]
+    for i, tree in enumerate(below):
+        after = [j for j, joint in enumerate(joints) if j != i and text.child(joint) in tree]
+        links = {j: text.child(joints[j]) for j in after}
+        firsts = [j for j in after if sum(links[j] in below[k] for k in after) == 1]
+        if len(firsts) == 1:
+            outer[i] = firsts[0]
+    return tuple(outer)
+
+
+@lru_cache(maxsize=64)
+def _turning(urdf: str, joints: tuple[str, ...]) -> tuple[int, ...]:
+    joint_types = Description(urdf).joint_types()
+    return tuple(j for j, joint in enumerate(joints) if joint_types[joint] != "prismatic")
 
 
 def chains(robot: Robot) -> list[list[str]]:

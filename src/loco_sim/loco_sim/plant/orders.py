@@ -68,14 +68,12 @@ def ramped(
         steps: Physics steps in a control period.
         ramps: Whether positions, velocities and torques are interpolated between rows.
     """
-    which = np.repeat(np.arange(len(targets)), steps)
     if not any(ramps):
-        return targets, which
+        return targets, np.repeat(np.arange(len(targets)), steps)
     # Values at the start of a step, for which positions are second-order accurate (leapfrog).
-    share = np.tile(np.arange(steps) / steps, len(targets))
-    after = np.minimum(which + 1, len(targets) - 1)
-    fine = targets[which]
+    share, fine = (np.arange(steps) / steps)[:, None], np.repeat(targets, steps, axis=0)
+    by_row = fine.reshape(len(targets), steps, *targets.shape[1:])
     for kind in np.flatnonzero(ramps):
-        difference = targets[after, kind] - targets[which, kind]
-        fine[:, kind] += share[:, None] * difference
-    return fine, np.arange(len(which))
+        change = np.diff(targets[:, kind], axis=0, append=targets[-1:, kind])
+        by_row[:, :, kind] += share * change[:, None]
+    return fine, np.arange(len(fine))
