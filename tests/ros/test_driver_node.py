@@ -77,7 +77,7 @@ class Driver:
         while run and not self.node.started:
             self.node._approach()
         if run:
-            self.node._begin()
+            self.node._start_run()
             self.told.clear()
 
     def command(self, q, tick=None, tau=None):

@@ -140,7 +140,7 @@ def test_silence_is_what_is_longer_than_allowed_since_the_last_beat(monkeypatch)
     node = SimpleNamespace(input=lambda *_: None, create_timer=lambda *_: None)
     monkeypatch.setattr(estop, "time", SimpleNamespace(monotonic=lambda: now[0]))
     heart = estop.Heartbeat(node, 0.5, stops.append)
-    heart.begin()
+    heart.start()
     for _ in range(3):
         now[0] += 0.5
         heart._check()

@@ -21,7 +21,7 @@ from loco_control.ros.messages.topics import to_stamp
 from loco_learning.ros.joint_reflex_node import JointReflexNode
 from loco_msgs.msg import Event
 from loco_sim.ros.joint_sim_node import JointSimNode
-from loco_sim.ros.plant_node import PATIENCE
+from loco_sim.ros.plant_node import START_TIMEOUT
 
 pytestmark = pytest.mark.ros
 
@@ -171,7 +171,7 @@ def test_a_model_that_does_not_fit_is_refused_and_the_plant_goes_on(bench, text,
 
 def test_in_realtime_a_silent_controller_means_damping(bench):
     plant = Plant(bench, clock="realtime", command_timeout=0.05)
-    end = time.monotonic() + PATIENCE + 0.5
+    end = time.monotonic() + START_TIMEOUT + 0.5
     plant.b.wait(lambda: time.monotonic() > end)
     figures = plant.b.node.diagnose()
     assert figures["late_ticks"] > 5

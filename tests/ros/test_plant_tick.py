@@ -20,7 +20,7 @@ from loco_control.types import MotionCommand
 from loco_msgs.msg import Event, RecorderStatus
 from loco_sim.ros import plant_node
 from loco_sim.ros.joint_sim_node import JointSimNode
-from loco_sim.ros.plant_node import FIRST, GRACE, NUDGE, PATIENCE, PlantNode
+from loco_sim.ros.plant_node import FIRST, GRACE, SAFE_STEP_PERIOD, START_TIMEOUT, PlantNode
 
 pytestmark = pytest.mark.ros
 
@@ -112,13 +112,13 @@ def test_the_first_tick_waits_until_all_are_ready(bench, recorded):
     for name in sorted(others):
         assert not plant.node.started and plant.sent == plant.events == []
         assert plant.node.newest() == PlantNode.newest(plant.node) == -1
-        assert plant.node.now() == (0, 0.0)
+        assert plant.node.stamp() == (0, 0.0)
         plant.ready(name)
     assert plant.node.started and plant.sent == [0]
     assert plant.events == [("started", "clock lockstep", 0, 0.0)]
     assert plant.node.diagnose()["tick"] == 0
     plant.command(0)
-    assert plant.node.now() == (1, plant.node.state.t)
+    assert plant.node.stamp() == (1, plant.node.state.t)
     assert PlantNode.newest(plant.node) == 1
     plant.ready("somebody else")
     assert not plant.said("resumed") and plant.sent == [0, 1]
@@ -233,8 +233,8 @@ def test_before_the_first_command_it_is_damped_and_nobody_is_late(bench):
 def test_a_controller_that_cannot_be_read_ends_the_run_with_its_first_fault(bench):
     plant = Plant(bench)
     plant.command(0)
-    plant.node._refuse("two positions, expected one")
-    plant.node._refuse("three positions, expected one")
+    plant.node._reject("two positions, expected one")
+    plant.node._reject("three positions, expected one")
     assert plant.node._grace.timer_period_ns == GRACE * 1e9
     with pytest.raises(GraphError, match="two positions, expected one"):
         plant.node._judge_unreadable()
@@ -246,10 +246,10 @@ def test_a_command_that_cannot_be_read_beside_one_that_can_ends_nothing(bench):
     """A stranger sent it: the right one of the same tick came, or there are two writers."""
     plant = Plant(bench)
     plant.command(0)
-    plant.node._refuse("two positions, expected one")
+    plant.node._reject("two positions, expected one")
     plant.command(1)
     plant.node._judge_unreadable()
-    plant.node._refuse("two positions, expected one")
+    plant.node._reject("two positions, expected one")
     plant.node._strangers = lambda: "joint_command has 2 writers"
     plant.node._judge_unreadable()
     assert not plant.said("error") and plant.node._grace is None
@@ -258,7 +258,7 @@ def test_a_command_that_cannot_be_read_beside_one_that_can_ends_nothing(bench):
 def test_a_plant_that_has_not_begun_is_ended_by_no_command(bench):
     plant = Plant(bench)
     plant.node.started = False
-    plant.node._refuse("two positions, expected one")
+    plant.node._reject("two positions, expected one")
     assert plant.node._grace is None
 
 
@@ -271,10 +271,10 @@ def test_a_recorder_cannot_be_ahead_of_the_plant(bench, tick):
 
 def test_a_command_that_is_not_finite_ends_its_tick_and_no_other(bench):
     plant = Plant(bench)
-    plant.node._refuse("")  # nobody has answered the newest tick
+    plant.node._reject("")  # nobody has answered the newest tick
     assert plant.sent == [0]
     plant.node._join.done = plant.node.newest()
-    plant.node._refuse("")
+    plant.node._reject("")
     assert plant.sent == [0, 1] and not plant.said("error")
 
 
@@ -398,19 +398,19 @@ def test_a_tick_is_stepped_for_a_controller_that_did_not_see_it(bench):
     plant.ready(name)
     assert plant.said("resumed") == 2 * [("resumed", f"{name} is back", 1, 0.01)]
     assert len(list(plant.node.timers)) == timers + 1
-    assert plant.node._nudges.timer_period_ns == NUDGE * 1e9
+    assert plant.node._safe_timer.timer_period_ns == SAFE_STEP_PERIOD * 1e9
     assert plant.sent == [0, 1]
-    plant.node._nudge()
+    plant.node._step_safely()
     assert plant.sent == [0, 1, 2] and plant.damped
-    plant.node._nudge()
+    plant.node._step_safely()
     assert plant.sent == [0, 1, 2, 3]
-    timer = plant.node._nudges
+    timer = plant.node._safe_timer
     plant.command(3)
-    plant.node._nudge()  # it answers: the plant goes by its commands again
+    plant.node._step_safely()  # it answers: the plant goes by its commands again
     assert plant.sent == [0, 1, 2, 3, 4]
-    assert timer.is_canceled() and plant.node._nudges is None
+    assert timer.is_canceled() and plant.node._safe_timer is None
     plant.ready(name)
-    assert plant.node._nudges is not None
+    assert plant.node._safe_timer is not None
 
 
 def test_no_tick_is_stepped_while_the_recorder_lags_or_after_the_end(bench):
@@ -418,13 +418,13 @@ def test_no_tick_is_stepped_while_the_recorder_lags_or_after_the_end(bench):
     plant.command(0)
     plant.command(1)
     plant.ready(JointSimNode.controllers[-1])
-    plant.node._nudge()
-    assert plant.tick == 2 and plant.node._nudges is not None
+    plant.node._step_safely()
+    assert plant.tick == 2 and plant.node._safe_timer is not None
     plant.node._on_recorder(RecorderStatus(tick=2))
     plant.lost(2, 3, 4)
     plant.node._stuck_at = plant.tick
-    plant.node._nudge()
-    assert plant.tick == 5 and plant.node._nudges is None
+    plant.node._step_safely()
+    assert plant.tick == 5 and plant.node._safe_timer is None
 
 
 # ---- the end
@@ -441,8 +441,8 @@ def test_a_run_ends_after_its_duration_and_stays_ended(bench, leave, monkeypatch
         assert ("silence" in plant.node.diagnose()) == (tick > 3)
     plant.lost(4, 5, 6)
     assert plant.sent == [0, 1, 2, 3, 4] and plant.tick == 5 and len(plant.told) == 1
-    assert plant.said("finished") == [("finished", plant.node.ending(), 4, plant.node.state.t)]
-    assert "0.1 s" in PlantNode.ending(plant.node) and not plant.said("fall")
+    assert plant.said("finished") == [("finished", plant.node.end_text(), 4, plant.node.state.t)]
+    assert "0.1 s" in PlantNode.end_text(plant.node) and not plant.said("fall")
     assert plant.node.diagnose()["silence"] == 0.0
     assert plant.node.deadline == math.inf
     more = [timer for timer in plant.node.timers if timer not in timers]
@@ -535,7 +535,7 @@ def test_realtime_begins_when_controllers_keep_up_then_commands_only_wait(bench)
     assert plant.node.timed and plant.node.deadline == math.inf
     before = time.monotonic()
     plant.begin()
-    assert before < plant.node.deadline - PATIENCE <= time.monotonic()
+    assert before < plant.node.deadline - START_TIMEOUT <= time.monotonic()
     plant.lost(0)
     assert plant.sent == [0]  # the clock goes on by itself
     for tick in range(FIRST):
@@ -549,7 +549,7 @@ def test_realtime_begins_when_controllers_keep_up_then_commands_only_wait(bench)
     plant.command(FIRST)
     assert plant.sent == list(range(FIRST + 1))
     plant.ready(JointSimNode.controllers[-1])
-    assert plant.said("resumed") and plant.node._nudges is None  # the clock steps by itself
+    assert plant.said("resumed") and plant.node._safe_timer is None  # the clock steps by itself
     held = plant.command(FIRST)
     time.sleep(0.03)
     plant.node.on_deadline()

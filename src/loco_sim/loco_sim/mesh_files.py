@@ -7,7 +7,7 @@ import os
 from collections.abc import Iterator
 from pathlib import Path
 
-NEAR = 2  # levels above a URDF's folder that are searched for a mesh whose package is unknown
+MAX_LEVELS = 2  # levels above a URDF's folder that are searched for a mesh whose package is unknown
 
 
 def mesh_path(filename: str, folder: Path) -> Path | None:
@@ -29,7 +29,7 @@ def mesh_path(filename: str, folder: Path) -> Path | None:
         candidates = _in_packages(path, folder)
     else:
         candidates = iter([folder / path])
-    fallbacks = _nearby([part for part in path.split("/") if part not in ("", ".", "..")], folder)
+    fallbacks = _search([part for part in path.split("/") if part not in ("", ".", "..")], folder)
     return next(filter(_is_file, (*candidates, *fallbacks)), None)
 
 
@@ -46,9 +46,9 @@ def _in_packages(rest: str, folder: Path) -> Iterator[Path]:
     yield folder / inside
 
 
-def _nearby(parts: list[str], folder: Path) -> Iterator[Path]:
+def _search(parts: list[str], folder: Path) -> Iterator[Path]:
     """Files with the same end of path, up to two folders above; a bare name only beside."""
-    around = [folder.resolve(), *folder.resolve().parents][: NEAR + 1]
+    around = [folder.resolve(), *folder.resolve().parents][: MAX_LEVELS + 1]
     for k in range(len(parts) - 1):
         yield from (place.joinpath(*parts[k:]) for place in around)
     for place in (folder, folder / "meshes", *(place / "meshes" for place in around[1:])):

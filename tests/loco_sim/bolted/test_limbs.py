@@ -10,7 +10,7 @@ import pytest
 
 from loco_sim import effects
 from loco_sim.bolted import limbs
-from loco_sim.bolted.loop import Bolted, Pieces, Run
+from loco_sim.bolted.loop import Bolted, Run, Segments
 from loco_sim.bolted.tree import Tree
 from loco_sim.effects.pulls import Pulls
 from loco_sim.effects.rows import CONSTANTS, MEMORY, Laws
@@ -36,9 +36,9 @@ JOINED = [
 
 
 @pytest.fixture(autouse=True)
-def kept(monkeypatch) -> limbs.Kept:
-    found = limbs.Kept()
-    monkeypatch.setattr(limbs, "KEPT", found)
+def kept(monkeypatch) -> limbs.LimbCache:
+    found = limbs.LimbCache()
+    monkeypatch.setattr(limbs, "CACHE", found)
     return found
 
 
@@ -54,7 +54,7 @@ def commands(plant: robot.Robot, rows: int = 120) -> tuple[np.ndarray, np.ndarra
 
 
 def whole(plant: Bolted, *told, **more) -> Run:
-    plant._limbs = []
+    plant._limb_indices = []
     return plant.run(*told, **more)
 
 
@@ -67,7 +67,7 @@ def equal(first: Run, second: Run) -> None:
 def test_each_joint_is_in_one_limb_with_the_one_before_it(seed):
     rng = np.random.default_rng(seed)
     before = np.array([rng.integers(-1, i) if i else -1 for i in range(9)])
-    found = limbs.limbs(np.stack([before, np.zeros(9, int)], axis=1))
+    found = limbs.limb_indices(np.stack([before, np.zeros(9, int)], axis=1))
     assert sorted(np.concatenate(found)) == list(range(9))
     assert len(found) == np.sum(before < 0)
     home = {i: k for k, limb in enumerate(found) for i in limb}
@@ -83,23 +83,23 @@ def test_apart_is_the_whole_to_the_last_bit(kept, name, specs):
     made = effects.from_list(specs)
     told = commands(plant)
     found = Bolted(plant, made).run(*told)
-    assert kept.asked == 4
+    assert kept.requested == 4
     equal(found, whole(Bolted(plant, made), *told))
 
 
 def test_pieces_begin_in_each_limb_where_they_do_in_the_whole(kept):
     plant, rng = loaded(), np.random.default_rng(3)
     starts = plant.standing + 0.1 * rng.standard_normal((2, 3, 12))
-    more = {"pieces": Pieces(np.array([[5, 50], [60, 120]]), starts)}
+    more = {"segments": Segments(np.array([[5, 50], [60, 120]]), starts)}
     told = commands(plant)
     equal(Bolted(plant).run(*told, **more), whole(Bolted(plant), *told, **more))
-    assert kept.asked == 4
+    assert kept.requested == 4
 
 
 @pytest.mark.parametrize("specs", JOINED, ids=lambda s: s[0]["name"])
 def test_what_joins_limbs_is_run_whole(kept, specs):
     Bolted(loaded(), effects.from_list(specs)).run(*commands(loaded()))
-    assert kept.asked == 0
+    assert kept.requested == 0
 
 
 def test_only_the_limb_that_changes_is_run_again(kept):
@@ -107,11 +107,11 @@ def test_only_the_limb_that_changes_is_run_again(kept):
     q, dq = commands(plant)
     first = Bolted(plant).run(q, dq)
     Bolted(plant).run(q, dq)
-    assert (kept.asked, kept.known) == (8, 4)
+    assert (kept.requested, kept.hits) == (8, 4)
     q = q.copy()
     q[50:, plant.joints.index(KNEE)] += 0.1
     second = Bolted(plant).run(q, dq)
-    assert (kept.asked, kept.known) == (12, 7)
+    assert (kept.requested, kept.hits) == (12, 7)
     mine = [joint.startswith("rh_") for joint in plant.joints]
     np.testing.assert_array_equal(first.q[:, ~np.array(mine)], second.q[:, ~np.array(mine)])
     assert np.any(first.q[:, mine] != second.q[:, mine])
@@ -138,14 +138,14 @@ def test_nothing_is_known_of_a_robot_whose_limb_is_lost():
 def test_no_more_is_kept_than_is_allowed():
     plant, (q, dq) = loaded(), commands(loaded())
     one = len(q) * 9 * 8  # bytes of a leg
-    kept = limbs.KEPT = limbs.Kept(6 * one)
+    kept = limbs.CACHE = limbs.LimbCache(6 * one)
     for k in range(5):
         Bolted(plant).run(q + 0.01 * k, dq)
     assert len(kept._runs) == 6 and kept._size == 6 * one
     Bolted(plant).run(q + 0.04, dq)
-    assert kept.known == 4
+    assert kept.hits == 4
     Bolted(plant).run(q, dq)
-    assert kept.known == 4
+    assert kept.hits == 4
 
 
 def test_two_limbs_that_are_the_same_are_kept_once(kept):
@@ -155,13 +155,13 @@ def test_two_limbs_that_are_the_same_are_kept_once(kept):
     assert kept._size == a.nbytes and len(kept._runs) == 1
 
 
-def orders() -> limbs.Orders:
+def orders() -> limbs.RunInputs:
     rng = np.random.default_rng(0)
     laws = Laws(
         np.array([[0, 0, 1, 0, 9]]), np.zeros(1, int), rng.random((1, CONSTANTS)),
         np.zeros((1, MEMORY)), np.zeros(3),
     )  # fmt: skip
-    return limbs.Orders(
+    return limbs.RunInputs(
         Tree(np.zeros((2, 2), int), rng.random((2, 32)), 100.0), np.arange(2), rng.random(3),
         np.zeros((1, 2), int), rng.random((1, 2, 2)), rng.random((4, 4, 2)), np.arange(4),
         rng.random((4, 2)), rng.random((2, 9)), rng.random((2, 7)), rng.random((2, 2)), laws, laws,
@@ -179,7 +179,7 @@ def otherwise(value):
     return value
 
 
-@pytest.mark.parametrize("name", limbs.Orders._fields)
+@pytest.mark.parametrize("name", limbs.RunInputs._fields)
 def test_orders_that_differ_in_one_number_are_told_apart(kept, name):
     def key(**changed) -> bytes:
         (found,) = kept.keys(orders()._replace(**changed), [np.arange(2)])

@@ -11,7 +11,7 @@ import pytest
 from loco_control.exceptions import ParameterError
 from loco_control.types import MotionCommand, TrunkTorque
 from loco_sim import effects
-from loco_sim.bolted.loop import Bolted, Pieces, Run, needs_engine
+from loco_sim.bolted.loop import Bolted, Run, Segments, needs_engine
 from loco_sim.plant.simulation import Simulation
 from loco_sim.robot import robot
 from loco_sim.world.world import make_world
@@ -174,7 +174,7 @@ def test_pieces_are_runs_of_their_own_on_the_clock_of_the_whole():
     bench = Bolted(plant, effects.from_list(bias))
     state = np.array([[0.2], [0.0], [0.0]])
     rows = np.array([[10, 40], [50, 80]])
-    run = bench.run(*told, pieces=Pieces(rows, np.stack([state, state])))
+    run = bench.run(*told, segments=Segments(rows, np.stack([state, state])))
     assert np.isnan(run.q[[0, 9, 40, 49, 80]]).all()
     np.testing.assert_allclose(run.q[[10, 50], 0], [0.2, 0.1], **CLOSE)  # as the sensor says
     later = Bolted(plant, effects.from_list([{"name": "joint_offset", "offset": 0.1}]))

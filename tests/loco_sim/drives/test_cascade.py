@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from loco_control.types import MotionCommand, TrunkTorque
-from loco_sim.bolted.loop import Bolted, Pieces
+from loco_sim.bolted.loop import Bolted, Segments
 from loco_sim.drives.actuators import Actuators
 from loco_sim.plant.simulation import Simulation
 from loco_sim.robot import robot
@@ -94,7 +94,7 @@ def test_every_plant_has_the_same_loop(law):
         params = plant.sim.replace(engine=engine)
         with Simulation(params, dt=0.004, robot=plant) as sim:
             if not compiled:
-                sim._why = "a test"
+                sim._slow_reason = "a test"
             state, rows = sim.reset(), []
             for k in range(len(t)):
                 rows.append([*state.q, *state.dq, *state.tau])
@@ -166,8 +166,8 @@ def test_an_integrator_that_holds_the_weight_keeps_the_robot_still(engine):
     for integral in (weight, none):
         if engine == "bolted":
             told = np.tile(q, (50, 1))
-            start = Pieces(np.array([[0, 50]]), np.array([[q, none, integral]]))
-            moved.append(np.ptp(machine.run(told, pieces=start).q, axis=0).max())
+            start = Segments(np.array([[0, 50]]), np.array([[q, none, integral]]))
+            moved.append(np.ptp(machine.run(told, segments=start).q, axis=0).max())
         else:
             with Simulation(None, (), 0, None, plant) as sim:
                 sim.place(q, none, integral=integral)

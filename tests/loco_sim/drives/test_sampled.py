@@ -10,7 +10,7 @@ import pytest
 
 from loco_control.exceptions import ParameterError
 from loco_control.types import MotionCommand
-from loco_sim.bolted.loop import Bolted, Pieces
+from loco_sim.bolted.loop import Bolted, Segments
 from loco_sim.drives.actuators import Actuators
 from loco_sim.effects.base import make
 from loco_sim.plant.simulation import Simulation
@@ -121,7 +121,7 @@ def driven(plant, engine, told, effects=(), compiled=True):
     params = plant.sim.replace(engine=engine)
     with Simulation(params, effects, dt=0.004, robot=plant) as sim:
         if not compiled:
-            sim._why = "a test"
+            sim._slow_reason = "a test"
         rows, state = [], sim.reset()
         for k, (q, dq) in enumerate(zip(*told, strict=True)):
             rows.append(np.concatenate([state.q, state.dq, state.tau]))
@@ -153,7 +153,7 @@ def test_pieces_that_begin_between_samples_meet_the_next_one():
     whole = machine.run(q, dq)
     first = 18  # a sample is due at 20
     start = np.array([[whole.q[first], whole.dq[first], np.zeros(len(plant.joints))]])
-    piece = machine.run(q, dq, pieces=Pieces(np.array([[first, 40]]), start))
+    piece = machine.run(q, dq, segments=Segments(np.array([[first, 40]]), start))
     jumps = np.abs(np.diff(piece.tau[first + 1 :, 0]))
     assert np.all(jumps[[1, 5, 9]] > 1e-6) and np.all(jumps[[0, 2, 3, 4, 6, 7, 8]] < 1e-9)
 

@@ -8,7 +8,7 @@ import pytest
 
 from loco_sim.effects import EFFECTS
 from loco_sim.effects.coordinates import Coordinate, assemble
-from loco_sim.effects.offers import Hints
+from loco_sim.effects.offers import Motion
 from loco_sim.robot import robot
 from loco_sim.robot.description import Description
 
@@ -55,7 +55,7 @@ def test_vectors_are_put_together_from_their_axes():
 @pytest.mark.parametrize("name", ["hyq", "tigrillo"])
 def test_a_payload_may_sit_anywhere_on_a_base_that_moves(name):
     loose, held = (robot.load(name, {"fixed_base": b, "height": 1.0}) for b in (False, True))
-    hints = Hints(np.zeros(12), np.zeros(12))
+    hints = Motion(np.zeros(12), np.zeros(12))
     (first, *others) = EFFECTS["payload"].offers(loose, ("q",), hints)
     text = Description(loose.urdf)
     assert first.place in text.fixed_to(text.root_link())  # once, whatever is fixed together
@@ -72,7 +72,7 @@ def test_friction_that_fades_does_so_at_a_speed_that_a_joint_reached():
     """Beyond, it is Coulomb friction wherever the data look; a speed not known changes nothing."""
     arm, fast = robot.load("hyq", {"fixed_base": True}), np.full(12, np.nan)
     fast[:2] = 0.02, 500.0
-    hints = Hints(np.zeros(12), np.zeros(12), fast=fast)
+    hints = Motion(np.zeros(12), np.zeros(12), fast=fast)
     offered = {o.place: o for o in EFFECTS["stribeck_friction"].offers(arm, ("q",), hints)}
     slow, quick, unknown = (offered[joint].coordinates[1] for joint in arm.joints[:3])
     assert slow.high == slow.value(99.0) == 0.02

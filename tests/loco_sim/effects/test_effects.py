@@ -12,7 +12,7 @@ from loco_control.types import MotionCommand, TrunkTorque
 from loco_sim import effects
 from loco_sim.effects.catalogue.delay import delayed
 from loco_sim.effects.catalogue.faults import stuck
-from loco_sim.effects.catalogue.noise import turned
+from loco_sim.effects.catalogue.noise import rotate
 from loco_sim.geometry import rotation_matrix
 from loco_sim.plant.simulation import Simulation
 from loco_sim.robot import robot
@@ -103,7 +103,7 @@ def test_one_channels_noise_does_not_depend_on_another(plant):
 
 def test_a_small_turn_turns_by_its_angle():
     angle = np.array([0.0, 0.0, 0.02])
-    matrix = np.array(rotation_matrix(turned(np.array([0.0, 0.0, 0.0, 1.0]), angle)))
+    matrix = np.array(rotation_matrix(rotate(np.array([0.0, 0.0, 0.0, 1.0]), angle)))
     assert np.arctan2(matrix[3], matrix[0]) == pytest.approx(0.02, rel=1e-3)
 
 

@@ -11,7 +11,7 @@ import pytest
 from loco_control.types import MotionCommand, TrunkTorque
 from loco_sim import effects
 from loco_sim.bolted.loop import Bolted
-from loco_sim.drives.servo_kernels import given
+from loco_sim.drives.servo_kernels import motor_torque
 from loco_sim.effects.chain import DriveEffect
 from loco_sim.effects.readings import Layout, behind
 from loco_sim.plant.simulation import Simulation
@@ -284,7 +284,7 @@ def test_what_a_motor_gives_at_a_speed(effect, speed, left):
     made.reset(np.random.default_rng(0))
     rows = np.array([SERVO.drives["pivot"].row(EFFORT)])
     changed = made.on_motor(rows, np.ones(1), np.array([speed]), 1e-3, 0.0)
-    assert given(changed[0], 1.0, speed) == pytest.approx(left, rel=1e-3)
+    assert motor_torque(changed[0], 1.0, speed) == pytest.approx(left, rel=1e-3)
     tau = np.array([9.0])
     np.testing.assert_array_equal(made.on_drive(tau, *np.zeros((2, 1)), 1e-3, 0.0), tau)
 

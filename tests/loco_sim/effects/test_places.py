@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from loco_sim.effects import EFFECTS
-from loco_sim.effects.offers import Hints
+from loco_sim.effects.offers import Motion
 from loco_sim.effects.places import bodies, links
 from loco_sim.robot import robot as robots
 from loco_sim.robot.description import Description
@@ -27,6 +27,6 @@ def test_each_link_that_moves_belongs_to_one_body_which_is_the_heaviest(name):
 
 def test_the_centre_of_mass_of_fixed_links_is_offered_once():
     robot = robots.load("tigrillo")  # its trunk has two parts, its feet are fixed to shanks
-    offers = EFFECTS["com_offset"].offers(robot, ("q",), Hints(np.zeros(8), np.ones(8)))
+    offers = EFFECTS["com_offset"].offers(robot, ("q",), Motion(np.zeros(8), np.ones(8)))
     assert [offer.place for offer in offers] == bodies(robot)
     assert len(links(robot)) > len(offers) == 9

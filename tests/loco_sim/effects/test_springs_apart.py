@@ -55,7 +55,7 @@ def clear(name):
 def stepped(bench, listed, on, compiled):
     with Simulation(effects=listed, robot=bench, standing=np.array([BEGIN])) as sim:
         if not compiled:
-            sim._why = "a test"
+            sim._slow_reason = "a test"
             sim.reset()
         assert isinstance(sim.loop, Compiled) == compiled
         sim.power(1.0, on)

@@ -43,7 +43,7 @@ def test_the_checksum_is_that_of_the_other_package(size):
 )
 def test_instructions_of_the_other_package_are_read(parameters):
     (packet,) = Parser().feed(instruction(parameters))
-    assert (packet.id, packet.instruction, packet.whole) == (1, WRITE, True)
+    assert (packet.id, packet.instruction, packet.is_valid) == (1, WRITE, True)
     assert packet.parameters == parameters
 
 
@@ -58,7 +58,7 @@ def test_packets_come_in_pieces_and_between_noise():
 def test_a_wrong_byte_is_noticed():
     data = bytearray(instruction(b"\x01\x02"))
     data[9] ^= 1
-    assert [p.whole for p in Parser().feed(bytes(data))] == [False]
+    assert [p.is_valid for p in Parser().feed(bytes(data))] == [False]
 
 
 def test_a_length_beyond_all_packets_is_skipped():

@@ -18,7 +18,7 @@ from loco_sim.world.world import make_world
 @pytest.fixture
 def arm(tmp_path, monkeypatch):
     """A robot of one mesh that is its own."""
-    monkeypatch.delenv(trial.TRIED, raising=False)
+    monkeypatch.delenv(trial.VARIABLE, raising=False)
     trimesh.creation.icosphere(1, 0.1).export(tmp_path / "part.stl")
     urdf = trial._URDF.format(name='"part.stl"', scale='"1 1 1"')
     (tmp_path / "trial.urdf").write_text(urdf)
@@ -31,7 +31,7 @@ def test_a_good_mesh_is_tried_once_by_each_engine_and_never_again_by_workers(
     arm, engine, monkeypatch
 ):
     make_world(arm, SimParams(engine=engine), 0.001).close()
-    assert os.environ[trial.TRIED]
+    assert os.environ[trial.VARIABLE]
     monkeypatch.setattr(trial, "_try", lambda *_: pytest.fail("it was tried again"))
     make_world(arm, SimParams(engine=engine), 0.001).close()
     os.utime(arm.folder / "part.stl", ns=(5, 5))
@@ -62,7 +62,7 @@ def test_an_engine_that_ends_is_one_line_that_names_the_mesh(arm, end, tmp_path,
     with pytest.raises(ParameterError, match=ENDS[end]) as raised:
         make_world(arm, SimParams(engine=installed()[0]), 0.001)
     assert "part.stl" in str(raised.value) and "\n" not in str(raised.value)
-    assert trial.TRIED not in os.environ
+    assert trial.VARIABLE not in os.environ
 
 
 @pytest.mark.parametrize("engine", installed())

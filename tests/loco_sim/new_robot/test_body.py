@@ -110,7 +110,7 @@ def test_every_link_is_part_of_one_body_and_paths_lead_to_the_base(seed):
         path = body.path(k)
         assert path[-1:] == ([k] if k != BASE else [])
         assert all(body.above[b] == a for a, b in zip([BASE, *path], path, strict=False))
-    assert all(k not in body.path(other) for k in body.ends() for other in range(k))
+    assert all(k not in body.path(other) for k in body.leaf_bodies() for other in range(k))
 
 
 def _link(name: str, mass: float) -> str:

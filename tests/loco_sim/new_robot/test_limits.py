@@ -120,16 +120,16 @@ def test_a_swing_that_the_efforts_hold_stays_as_it_is(arm):
 def test_a_swing_that_is_too_much_is_moved_or_made_smaller_and_told(arm, share):
     body, _ = arm
     q, swing = np.zeros(len(body.joints)), np.full(len(body.joints), 0.2)
-    effort = np.maximum(share * limits.asked(body, q, swing, 3.0), 1e-3)
+    effort = np.maximum(share * limits.demand(body, q, swing, 3.0), 1e-3)
     at, amplitude, (text,) = limits.held(body, q, swing, effort, 3.0)
     before, after = (
-        np.square(np.maximum(limits.asked(body, *way, 3.0) / effort - limits.HOLDS, 0.0)).sum()
+        np.square(np.maximum(limits.demand(body, *way, 3.0) / effort - limits.HOLDS, 0.0)).sum()
         for way in ((q, swing), (at, amplitude))
     )
     assert after < before
     assert np.all(at >= body.low) and np.all(at <= body.high)
     assert np.all(amplitude <= swing) and np.all(amplitude >= swing / limits.SMALLEST)
-    worst = body.joints[int(np.argmax(limits.asked(body, q, swing, 3.0) / effort))]
+    worst = body.joints[int(np.argmax(limits.demand(body, q, swing, 3.0) / effort))]
     assert f"{worst!r} would need" in text
     assert ("moved)" in text) == bool(np.any(at != q))
     assert ("as far" in text) == bool(np.any(amplitude != swing))
@@ -138,7 +138,7 @@ def test_a_swing_that_is_too_much_is_moved_or_made_smaller_and_told(arm, share):
 @pytest.mark.parametrize("bolted", [True, False])
 def test_gains_hold_the_weight_and_are_stable_at_their_steps(arm, bolted):
     body, _ = arm
-    q, end = np.zeros(len(body.joints)), body.ends()[-1]
+    q, end = np.zeros(len(body.joints)), body.leaf_bodies()[-1]
     feet = body.forward(q)[1][[end]]
     found = gains.choose(body, q, feet, [end], [], bolted)
     load = np.abs(body.weight_torque(q, [] if bolted else [end], feet))

@@ -15,7 +15,7 @@ from loco_control.types import MotionCommand, TrunkTorque
 from loco_sim import effects
 from loco_sim.effects.base import Effect
 from loco_sim.plant.compiled import Compiled, ordinary
-from loco_sim.plant.orders import Orders
+from loco_sim.plant.orders import CommandSequence
 from loco_sim.plant.simulation import Simulation
 from loco_sim.robot import robot
 from loco_sim.world.world import Base
@@ -60,7 +60,7 @@ def run(plant, listed, compiled: bool, ticks=20, amplitude=0.2):
     stance = np.random.default_rng(1).uniform(size=(ticks, feet)) < 0.7
     with Simulation(effects=effects.from_list(listed), seed=3, robot=plant) as sim:
         if not compiled:
-            sim._why = "a test"
+            sim._slow_reason = "a test"
         sim.reset()
         assert isinstance(sim.loop, Compiled) == compiled
         rows = []
@@ -123,7 +123,7 @@ def test_what_explodes_is_told_in_both_loops_and_nothing_is_printed(compiled, ca
     monkeypatch.chdir(tmp_path)
     plant = load("tigrillo")
     with Simulation(robot=plant) as sim:
-        sim._why = "" if compiled else "a test"
+        sim._slow_reason = "" if compiled else "a test"
         sim.reset()
         sim._world.put(plant.standing, np.full(len(plant.joints), 1e300))
         with pytest.raises(DivergedError):
@@ -162,13 +162,13 @@ def test_effects_without_a_compiled_law_take_the_ordinary_loop(caplog):
 # ---- whole runs ----------------------------------------------------------------------
 
 
-def orders(plant, ticks=30, ramps=(False, False, False)) -> Orders:
+def orders(plant, ticks=30, ramps=(False, False, False)) -> CommandSequence:
     n, rng = len(plant.joints), np.random.default_rng(5)
     phase = 0.4 * np.arange(ticks)[:, None] + np.arange(n)
     stance = rng.uniform(size=(ticks, len(plant.feet))) < 0.7
     power = np.where(rng.uniform(size=(ticks, 2)) < 0.1, 0.5, 1.0)
     q = plant.standing + 0.2 * np.sin(phase)
-    return Orders(q, 0.1 * np.cos(phase), np.full((ticks, n), 0.05), power, ramps, stance)
+    return CommandSequence(q, 0.1 * np.cos(phase), np.full((ticks, n), 0.05), power, ramps, stance)
 
 
 def followed(sim, told) -> np.ndarray:
@@ -190,7 +190,7 @@ def test_a_run_that_is_known_beforehand_is_the_same_as_step_by_step(name):
         assert isinstance(sim.loop, Compiled)
         fast = followed(sim, told)
         later = followed(sim, told)
-        sim._why = "a test"
+        sim._slow_reason = "a test"
         sim.reset()
         assert followed(sim, told).tobytes() == fast.tobytes()
         assert followed(sim, told).tobytes() == later.tobytes()
@@ -235,7 +235,7 @@ def test_ramps_are_what_finer_commands_say():
         steps = sim._steps
         assert steps == parts
         coarse = followed(sim, ramp._replace(power=None))
-    held = Orders(*fine, None, (False, False, False), flags)
+    held = CommandSequence(*fine, None, (False, False, False), flags)
     with Simulation(robot=plant, dt=plant.control_rate**-1 / parts) as sim:
         exact = followed(sim, held)[::parts]
     np.testing.assert_allclose(coarse[:, -1], exact[:, -1], atol=1e-12)
@@ -256,7 +256,7 @@ def test_a_run_that_explodes_ends_after_the_row_before():
     plant = load("tigrillo")
     with Simulation(robot=plant) as sim:
         for why in ("", "a test"):
-            sim._why = why
+            sim._slow_reason = why
             sim.reset()
             sim._world.put(plant.standing, np.full(len(plant.joints), 1e300))
             rows = 0
@@ -282,7 +282,7 @@ def test_drives_that_were_weakened_stay_so_where_orders_say_nothing_of_it():
     told, runs = orders(plant)._replace(power=None), []
     for why in ("", "a test"):
         with Simulation(robot=plant) as sim:
-            sim._why = why
+            sim._slow_reason = why
             sim.reset()
             sim.power(0.6)
             runs.append(followed(sim, told).tobytes())

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from loco_sim.geometry import roll_pitch, rotation_matrix
-from loco_sim.plant.sensing import BROKEN, FALLEN, FINE, fall_reason, ground_truth, readings
+from loco_sim.plant.sensing import BROKEN, FALL, FINE, fall_reason, ground_truth, readings
 from loco_sim.plant.sensing import robot_state as state_of
 from loco_sim.robot.robot import FallLimits
 
@@ -100,7 +100,7 @@ def test_a_fall_is_low_rolled_or_pitched(base, word):
     limits = FallLimits(height=0.35, roll=0.8, pitch=0.8)
     values, _, verdict = read(base, limits=limits)
     reason = fall_reason(values, limits)
-    assert verdict == (FINE if word is None else FALLEN)
+    assert verdict == (FINE if word is None else FALL)
     assert reason is None if word is None else word in reason
 
 
@@ -117,9 +117,9 @@ def test_kernel_and_message_agree_on_what_a_fall_is():
         turn = rng.normal(size=4) * [0.4, 0.4, 1.0, 1.0]
         turn = (turn / np.linalg.norm(turn)).tolist()
         values, _, verdict = read(base_at(rng.uniform(0.3, 1.0), turn), limits=limits)
-        assert (verdict == FALLEN) == bool(fall_reason(values, limits))
+        assert (verdict == FALL) == bool(fall_reason(values, limits))
         far = np.abs(roll_pitch(rotation_matrix(turn))) > 0.8
-        assert (verdict == FALLEN) >= bool(far.any())
+        assert (verdict == FALL) >= bool(far.any())
 
 
 @pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])

@@ -11,7 +11,7 @@ from loco_sim.plant import model
 from loco_sim.robot import equipment, robot
 from loco_sim.robot.sensors import EncoderParams, HallParams, ImuParams, SensorParams
 from loco_sim.robot.servo import DRIVES
-from loco_sim.robot.spring import KINDS, SpringParams
+from loco_sim.robot.spring import SPRING_TYPES, SpringParams
 
 DOCS = Path(__file__).parents[3] / "docs"
 PAGE = (DOCS / "robots.md").read_text() + (DOCS / "robot_yaml.md").read_text()
@@ -56,5 +56,5 @@ def test_every_section_robot_and_spring_is_in_a_table():
     sections = (*equipment.BY_JOINT, *equipment.BY_LINK, *equipment.NESTED, *equipment.SCALARS)
     for name in (*sections, *robot.names(), *DRIVES):
         assert f"| `{name}` |" in PAGE
-    for kind in KINDS:
+    for kind in SPRING_TYPES:
         assert f"`kind: {kind}`" in PAGE

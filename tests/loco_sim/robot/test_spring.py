@@ -6,7 +6,7 @@ import pytest
 
 from loco_control.exceptions import ParameterError
 from loco_sim.drives.spring_kernels import spring_energy, spring_torque
-from loco_sim.robot.spring import COLUMNS, KINDS, SpringParams
+from loco_sim.robot.spring import COLUMNS, SPRING_TYPES, SpringParams
 
 KNEES = np.linspace(0.6, 2.0, 8)  # [rad]
 
@@ -15,7 +15,7 @@ def row(**values):
     return np.array(SpringParams(**values).row())
 
 
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("kind", SPRING_TYPES)
 def test_the_torque_is_minus_the_slope_of_the_energy(kind):
     spring, h = row(kind=kind, stiffness=181.6, rest=0.9), 1e-6
     for q in KNEES:
@@ -23,7 +23,7 @@ def test_the_torque_is_minus_the_slope_of_the_energy(kind):
         assert spring_torque(q, 0.0, spring) == pytest.approx(-slope, abs=1e-6)
 
 
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("kind", SPRING_TYPES)
 def test_a_slack_spring_gives_no_torque_and_a_stretched_one_pulls_back(kind):
     params = SpringParams(kind=kind, stiffness=181.6, rest=0.5)
     spring = np.array(params.row())

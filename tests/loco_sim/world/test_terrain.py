@@ -9,7 +9,7 @@ from loco_sim import effects
 from loco_sim.engines import installed
 from loco_sim.plant.simulation import Simulation
 from loco_sim.robot import robot
-from loco_sim.world.terrain import BEHIND, CELL, SIDE, Patches, Terrain
+from loco_sim.world.terrain import CELL, REAR, SIDE, Patches, Terrain
 from loco_sim.world.world import Base
 
 HILLS = Terrain("uneven", 0.03, 0.4, 0, 0.8)
@@ -28,7 +28,7 @@ def settled(world, hyq, at, each=lambda t: None):
 
 def height_at(terrain, x, y):
     """Height between four neighbours [m]."""
-    column, row = (x + BEHIND) / CELL, (y + SIDE) / CELL
+    column, row = (x + REAR) / CELL, (y + SIDE) / CELL
     j, i = int(column), int(row)
     a, b = column - j, row - i
     h = terrain.heights

@@ -11,7 +11,7 @@ import numpy as np
 from loco_control.exceptions import LocoError, ParameterError
 from loco_sim.plant.joint_commands import JointCommands
 from loco_sim.plant.model import Model
-from loco_sim.plant.orders import Orders
+from loco_sim.plant.orders import CommandSequence
 from loco_sim.plant.simulation import Simulation
 from loco_sim.robot.robot import Robot
 
@@ -191,9 +191,9 @@ def replay(model: Model, commands: Commands, seed: int = 0) -> Replay:
         return Replay(t, q, sim.fallen or "", float(sim.ground_truth().position[0]))
 
 
-def _make_commands(robot: Robot, commands: Commands) -> Orders:
+def _make_commands(robot: Robot, commands: Commands) -> CommandSequence:
     """Commands of all joints."""
-    targets = JointCommands(robot).orders(commands.q, commands.dq)
+    targets = JointCommands(robot).sequence(commands.q, commands.dq)
     if commands.torque is not None:
         targets = targets._replace(tau=np.asarray(commands.torque, dtype=float))
     if commands.stance is not None:

@@ -17,7 +17,7 @@ from .tree import ARMATURE, AXIS, COM, DAMPING, HIGH, INERTIA, LOW, MASS, PLACE,
 STOP_SHARE = 0.2  # share of the penetration of a stop that is corrected per step, as in PyBullet
 STOP_DEPTH = 0.04  # deeper penetrations are not corrected [rad or m]
 SWEEPS = 50  # largest number of iterations over the impulses
-SETTLED = 1e-5  # velocity change below which the iterations end, as in PyBullet [rad/s]
+VELOCITY_TOLERANCE = 1e-5  # velocity change below which the iterations end, as in PyBullet [rad/s]
 
 
 # Columns of the link array of `workshop`: pose, velocities and accelerations (including gravity),
@@ -166,7 +166,7 @@ def outwards(tree, gravity, q, dq, links):
         if p >= 0:
             at = along_by(vector(links, p, AT), arm, 1.0)
             spin, spin_rate = vector(links, p, SPIN), vector(links, p, SPIN_RATE)
-            rate = carried(arm, spin, spin_rate, vector(links, p, RATE))
+            rate = transport(arm, spin, spin_rate, vector(links, p, RATE))
             axis_rate = cross(spin, along)
             if slides:
                 rate = along_by(rate, axis_rate, 2.0 * dq[i])
@@ -182,7 +182,7 @@ def outwards(tree, gravity, q, dq, links):
         put(links, i, ROT, rot)
         # Force and moment of the link, and its inertia about the world's origin.
         arm = applied(rot, vector(body, i, COM))
-        push = carried(arm, spin, spin_rate, rate)
+        push = transport(arm, spin, spin_rate, rate)
         force = push[0] * m, push[1] * m, push[2] * m
         arm = along_by(arm, at, 1.0)
         tensor = product(product(rot, matrix(body, i, INERTIA)), transposed(rot))
@@ -201,7 +201,7 @@ def outwards(tree, gravity, q, dq, links):
 
 
 @kernel
-def carried(arm, spin, spin_rate, rate):
+def transport(arm, spin, spin_rate, rate):
     """Acceleration of the point at `arm` [m] from the origin of a rotating body [m/s²]."""
     x, y = cross(spin_rate, arm), cross(spin, cross(spin, arm))
     return rate[0] + x[0] + y[0], rate[1] + x[1] + y[1], rate[2] + x[2] + y[2]
@@ -313,7 +313,7 @@ def pulled(tree, links, pulls, step, x):
 
 
 @inlined
-def advance(tree, gravity, tau, brake, pulls, step, q, dq, dt, room):
+def advance(tree, gravity, tau, brake, pulls, step, q, dq, dt, workspace):
     """One integration step of positions and velocities, in place.
 
     Args:
@@ -326,10 +326,10 @@ def advance(tree, gravity, tau, brake, pulls, step, q, dq, dt, room):
         q: Joint positions, (n,).
         dq: Joint velocities, (n,).
         dt: Step [s].
-        room: Work arrays from `workshop`.
+        workspace: Work arrays from `workshop`.
     """
     kin, body, fastest = tree
-    links, factor, rows, x, impulses, acting = room
+    links, factor, rows, x, impulses, acting = workspace
     n = len(kin)
     dynamics(tree, gravity, q, dq, links, factor, x)
     pulled(tree, links, pulls, step, x)
@@ -348,7 +348,7 @@ def advance(tree, gravity, tau, brake, pulls, step, q, dq, dt, room):
 
 
 @kernel
-def stop(kin, factor, brake, body, q, dq, dt, answer, given, acting):
+def stop(kin, factor, brake, body, q, dq, dt, answer, applied, acting):
     """Impulses of joint stops and brakes; arguments as in `advance` and `workshop`.
 
     They are solved by projected Gauss-Seidel sweeps in alternating order. Brakes may oppose stops,
@@ -360,7 +360,7 @@ def stop(kin, factor, brake, body, q, dq, dt, answer, given, acting):
     for k in range(2 * n):  # brakes, then stops
         row, i = (k + n, k) if k < n else (k - n, k - n)
         if brake[i] > 0.0 if row >= n else q[i] <= body[i, LOW] or q[i] >= body[i, HIGH]:
-            acting[count], given[row] = row, 0.0
+            acting[count], applied[row] = row, 0.0
             count += 1
             for j in range(n):
                 answer[i, j] = 0.0
@@ -373,24 +373,24 @@ def stop(kin, factor, brake, body, q, dq, dt, answer, given, acting):
             i = row if row < n else row - n
             if row >= n:
                 max_impulse = brake[i] * dt
-                impulse = min(max(given[row] - dq[i] / answer[i, i], -max_impulse), max_impulse)
+                impulse = min(max(applied[row] - dq[i] / answer[i, i], -max_impulse), max_impulse)
             elif q[i] <= body[i, LOW]:
                 back = given_back(body[i, LOW] - q[i], dt)
-                impulse = max(0.0, given[row] + (back - dq[i]) / answer[i, i])
+                impulse = max(0.0, applied[row] + (back - dq[i]) / answer[i, i])
             else:
                 back = given_back(body[i, HIGH] - q[i], dt)
-                impulse = min(0.0, given[row] + (back - dq[i]) / answer[i, i])
-            shove(answer, i, impulse - given[row], dq)
-            moved = max(moved, abs(impulse - given[row]) * answer[i, i])
-            given[row] = impulse
-        if moved <= SETTLED:
+                impulse = min(0.0, applied[row] + (back - dq[i]) / answer[i, i])
+            shove(answer, i, impulse - applied[row], dq)
+            moved = max(moved, abs(impulse - applied[row]) * answer[i, i])
+            applied[row] = impulse
+        if moved <= VELOCITY_TOLERANCE:
             break
 
 
 @kernel
-def given_back(way, dt):
-    """Speed that corrects the penetration `way` of a stop [rad/s or m/s]."""
-    return STOP_SHARE * way / dt if abs(way) < STOP_DEPTH else 0.0
+def given_back(penetration, dt):
+    """Speed that corrects the penetration `penetration` of a stop [rad/s or m/s]."""
+    return STOP_SHARE * penetration / dt if abs(penetration) < STOP_DEPTH else 0.0
 
 
 @kernel

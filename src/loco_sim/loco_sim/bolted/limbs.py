@@ -19,19 +19,19 @@ from ..effects.rows import Laws
 from .kernels import run
 from .tree import Tree
 
-MOST = 2**25  # size of the cache [bytes]
+MAX_SIZE = 2**25  # size of the cache [bytes]
 RECORDS = 8  # commands whose hashes are kept (taste: a search has so many records)
 
 
-class Orders(NamedTuple):
+class RunInputs(NamedTuple):
     """Inputs of `kernels.run` for a tree of n joints.
 
     Attributes:
         tree: Joints and links of the robot.
         order: Index among the robot's joints of each joint of the tree, (n,).
         gravity: Acceleration of gravity [m/s²], (3,).
-        pieces: First row of each piece and the row after its last, (w, 2).
-        starts: Initial state of each piece as in `loop.Pieces`, in the robot's order, (w, 3, n).
+        segments: First row of each piece and the row after its last, (w, 2).
+        starts: Initial state of each piece as in `loop.Segments`, in the robot's order, (w, 3, n).
         targets: Commands as in `actuators.drive_torques`, in the robot's order, (k, COMMANDS, n).
         which: Row of `targets` for each physics step, (T * steps,).
         power: Supply and switch of each row, (T, 2).
@@ -41,14 +41,14 @@ class Orders(NamedTuple):
         change: Laws of the effects on torques.
         brakes: Laws of the friction effects.
         pulls: External forces.
-        slow: Values of `braking.stopped_per_torque` per piece, in the robot's order, (w, n).
+        stop_ratio: Values of `braking.stopped_per_torque` per piece, in the robot's order, (w, n).
         dt: Physics step [s].
     """
 
     tree: Tree
     order: np.ndarray
     gravity: np.ndarray
-    pieces: np.ndarray
+    segments: np.ndarray
     starts: np.ndarray
     targets: np.ndarray
     which: np.ndarray
@@ -59,10 +59,10 @@ class Orders(NamedTuple):
     change: Laws
     brakes: Laws
     pulls: Pulls
-    slow: np.ndarray
+    stop_ratio: np.ndarray
     dt: float
 
-    def of(self, limb: np.ndarray) -> Orders:
+    def of(self, limb: np.ndarray) -> RunInputs:
         """Inputs restricted to some joints of the tree, in the order of `limb`."""
         joints, bodies = self.order[limb], _numbered(limb, len(self.order))
         kin = self.tree.kin[limb]
@@ -78,7 +78,7 @@ class Orders(NamedTuple):
             change=_laws(self.change, _numbered(joints, len(self.order))),
             brakes=_laws(self.brakes, _numbered(joints, len(self.order))),
             pulls=_pulls(self.pulls, bodies),
-            slow=_columns(self.slow, joints),
+            stop_ratio=_columns(self.stop_ratio, joints),
         )
 
     def digest(self, commands: bytes) -> bytes:
@@ -87,13 +87,13 @@ class Orders(NamedTuple):
         Args:
             commands: Hash of `targets`, `which` and `power`, which are left out.
         """
-        others = self._replace(targets=None, which=None, power=None)
-        inputs = (*others, *self.tree, *self.change[:3], *self.brakes[:3], *self.pulls)
+        remaining = self._replace(targets=None, which=None, power=None)
+        inputs = (*remaining, *self.tree, *self.change[:3], *self.brakes[:3], *self.pulls)
         arrays = [values for values in inputs if isinstance(values, np.ndarray)]
         return commands + _hash(arrays, self.tree.fastest, self.dt)
 
 
-def limbs(kin: np.ndarray) -> list[np.ndarray]:
+def limb_indices(kin: np.ndarray) -> list[np.ndarray]:
     """Joint indices of each limb (branch of the tree at the base), outwards, from `Tree.kin`."""
     root = np.arange(len(kin))
     for i, before in enumerate(kin[:, 0]):
@@ -102,7 +102,7 @@ def limbs(kin: np.ndarray) -> list[np.ndarray]:
     return [np.flatnonzero(root == first) for first in np.unique(root)]
 
 
-class Kept:
+class LimbCache:
     """Least-recently-used cache of the motion of limbs by their inputs.
 
     Attributes:
@@ -110,72 +110,72 @@ class Kept:
         known: Number of requested limbs found in the cache.
     """
 
-    def __init__(self, most: int = MOST):
-        """Empty cache of at most `most` bytes."""
-        self._most = most
-        self.forget()
+    def __init__(self, max_size: int = MAX_SIZE):
+        """Empty cache of at most `max_size` bytes."""
+        self._max_size = max_size
+        self.clear()
 
-    def forget(self) -> None:
+    def clear(self) -> None:
         """Clear the cache and its counters."""
         self._runs: OrderedDict[bytes, np.ndarray] = OrderedDict()
-        self._size = self.asked = self.known = 0
+        self._size = self.requested = self.hits = 0
         self._commands: list[tuple[tuple[np.ndarray, ...], dict[bytes, bytes]]] = []
 
-    def run(self, orders: Orders, apart: Sequence[np.ndarray], out: np.ndarray) -> None:
+    def run(self, inputs: RunInputs, indices: Sequence[np.ndarray], out: np.ndarray) -> None:
         """Simulate a robot as `kernels.run` does, with cached limbs taken from the cache.
 
         Args:
-            orders: Inputs; no law couples limbs, and the memory of effects is not requested.
-            apart: Limbs, from `limbs`.
+            inputs: Inputs; no law couples limbs, and the memory of effects is not requested.
+            indices: Limbs, from `limb_indices`.
             out: Result, (T, 3, n).
         """
-        keys = self.keys(orders, apart)
+        keys = self.keys(inputs, indices)
         new = [k for k, key in enumerate(keys) if key not in self._runs]
-        self.asked, self.known = self.asked + len(keys), self.known + len(keys) - len(new)
-        for limb, key in zip(apart, keys, strict=True):
+        self.requested, self.hits = self.requested + len(keys), self.hits + len(keys) - len(new)
+        for limb, key in zip(indices, keys, strict=True):
             if key in self._runs:
                 self._runs.move_to_end(key)
-                out[:, :, orders.order[limb]] = self._runs[key]
+                out[:, :, inputs.order[limb]] = self._runs[key]
         if not new:
             return
-        joints = np.concatenate([apart[k] for k in new])
+        joints = np.concatenate([indices[k] for k in new])
         states = np.full((len(out), 3, len(joints)), np.nan)
-        run(orders.of(joints), states, np.zeros((0, *orders.change.memory.shape)))
-        out[:, :, orders.order[joints]] = states
-        for first, stop in orders.pieces:
+        run(inputs.of(joints), states, np.zeros((0, *inputs.change.memory.shape)))
+        out[:, :, inputs.order[joints]] = states
+        for first, stop in inputs.segments:
             lost = np.isnan(states[first:stop, 0]).any(axis=1)
             if lost.any():  # a diverged limb invalidates all limbs of this run
                 out[first + np.argmax(lost) : stop] = np.nan
                 new = []
         for k in new:
-            self._keep(keys[k], out[:, :, orders.order[apart[k]]])
+            self._keep(keys[k], out[:, :, inputs.order[indices[k]]])
 
-    def keys(self, orders: Orders, apart: Sequence[np.ndarray]) -> list[bytes]:
+    def keys(self, inputs: RunInputs, indices: Sequence[np.ndarray]) -> list[bytes]:
         """Hash of the inputs of each limb; those of its commands are computed once."""
-        commands = orders.targets, orders.which, orders.power
+        commands = inputs.targets, inputs.which, inputs.power
         hashes = next((h for c, h in self._commands if all(map(np.array_equal, c, commands))), None)
         if hashes is None:
             hashes = {}
             self._commands = [(commands, hashes), *self._commands[: RECORDS - 1]]
-        bare, keys = orders._replace(targets=orders.targets[:0]), []
-        for limb in apart:
-            joints = orders.order[limb]
+        without_commands, keys = inputs._replace(targets=inputs.targets[:0]), []
+        for limb in indices:
+            joints = inputs.order[limb]
             place = joints.tobytes()
             if place not in hashes:
-                hashes[place] = _hash((_columns(orders.targets, joints), *commands[1:]))
-            keys.append(bare.of(limb).digest(hashes[place]))
+                hashes[place] = _hash((_columns(inputs.targets, joints), *commands[1:]))
+            keys.append(without_commands.of(limb).digest(hashes[place]))
         return keys
 
-    def _keep(self, key: bytes, made: np.ndarray) -> None:
+    def _keep(self, key: bytes, motion: np.ndarray) -> None:
         if key in self._runs:  # two limbs of one run are identical
             return
-        self._runs[key] = made
-        self._size += made.nbytes
-        while self._size > self._most:
+        self._runs[key] = motion
+        self._size += motion.nbytes
+        while self._size > self._max_size:
             self._size -= self._runs.popitem(last=False)[1].nbytes
 
 
-KEPT = Kept()  # cache of this process
+CACHE = LimbCache()  # cache of this process
 
 
 def _hash(arrays: Iterable[np.ndarray], *numbers: float) -> bytes:
@@ -186,10 +186,10 @@ def _hash(arrays: Iterable[np.ndarray], *numbers: float) -> bytes:
     return blake2b(payload, digest_size=16).digest()
 
 
-def _numbered(chosen: np.ndarray, n: int) -> np.ndarray:
+def _numbered(selected: np.ndarray, n: int) -> np.ndarray:
     """New index of each old index, (n + 1,); -1 for indices not chosen and for -1 itself."""
     numbers = np.full(n + 1, -1)
-    numbers[chosen] = np.arange(len(chosen))
+    numbers[selected] = np.arange(len(selected))
     return numbers
 
 

@@ -30,7 +30,7 @@ from ..effects.pulls import laid_out
 from ..effects.pulls import of as pulls
 from ..effects.readings import Layout, Measuring
 from ..effects.rows import NO_LAWS, Laws
-from ..effects.timetable import behind_springs, commanding, heard
+from ..effects.timetable import behind_springs, commanding, received
 from ..plant.orders import ramped
 from ..plant.simulation import periods
 from ..robot.clearance import clearance
@@ -51,7 +51,7 @@ class Run(NamedTuple):
     tau: np.ndarray  # torques, mean over the previous period [N·m or N], (T, n)
 
 
-class Pieces(NamedTuple):
+class Segments(NamedTuple):
     """Sections of a run, each with its own initial state."""
 
     rows: np.ndarray  # first row of each piece and the row after its last, (w, 2) integers
@@ -103,7 +103,7 @@ class Bolted:
         if setting.armature:
             self._tree = tree.geared(self._tree, self._order, joints, setting.armature)
         self._gravity, self._pull = np.array(setting.gravity), np.array(setting.pull)
-        self._limbs = limbs.limbs(self._tree.kin)
+        self._limb_indices = limbs.limb_indices(self._tree.kin)
 
     def _substeps(self) -> int:
         """Number of sub-steps for which explicit damping is stable: `stability.substeps`.
@@ -142,8 +142,8 @@ class Bolted:
         matrix, links = np.zeros((n, n)), kernels.workshop(n)[0]
         q, dq, ddq = (np.asarray(x, dtype=float)[:, self._order] for x in (q, dq, ddq))
         for t in range(rows):
-            for k, way in enumerate(np.eye(3)):
-                kernels.dynamics(self._tree, way, q[t], none, links, matrix, held[t, k])
+            for k, direction in enumerate(np.eye(3)):
+                kernels.dynamics(self._tree, direction, q[t], none, links, matrix, held[t, k])
             kernels.dynamics(self._tree, np.zeros(3), q[t], dq[t], links, matrix, moved[t])
             moved[t] += matrix @ ddq[t]
         back = np.argsort(self._order)
@@ -161,7 +161,7 @@ class Bolted:
         tau_wanted: np.ndarray | None = None,
         start: tuple[np.ndarray, np.ndarray] | None = None,
         power: np.ndarray | None = None,
-        pieces: Pieces | None = None,
+        segments: Segments | None = None,
         ramps: tuple[bool, bool, bool] = (False, False, False),
         swinging: np.ndarray | None = None,
     ) -> Run:
@@ -173,7 +173,7 @@ class Bolted:
             tau_wanted: Feed-forward torques [N·m], (T, n); None for zero.
             start: Initial positions and velocities, (n,) each; None for the standing pose at rest.
             power: Supply and switch of the drives (`Simulation.power`), (T, 2); None for on.
-            pieces: Sections with their own initial states, in place of `start`. Time and commands
+            segments: Sections with their own initial states, in place of `start`. Time and commands
                 continue, so effects start and stop as in one run; their memory is reset.
             ramps: Whether desired positions, velocities, torques are interpolated linearly from
                 row to row instead of being held.
@@ -189,16 +189,16 @@ class Bolted:
         targets = [none if w is None else w for w in (q_wanted, dq_wanted, tau_wanted, swinging)]
         for effect, rng in zip(self._effects, streams(self._effects, self._seed), strict=True):
             effect.reset(rng)
-        table, which = self._heard(
+        table, which = self._received(
             *ramped(np.stack(targets, axis=1).astype(float), self._steps, ramps)
         )
         change, brakes = self._chain(*ON_TORQUES), self._chain("on_brake")
         forces = laid_out(self._effects, self._frames, self.robot.height, self.physics_dt)
-        if pieces is None:
+        if segments is None:
             q, dq = (self.robot.standing, none[0]) if start is None else start
-            pieces = Pieces(np.array([[0, rows]]), np.array([[q, dq, none[0]]], dtype=float))
-        stop_speed = np.zeros((len(pieces.rows), n))
-        for row, q in enumerate(pieces.starts[:, 0] if len(brakes.plan) else ()):
+            segments = Segments(np.array([[0, rows]]), np.array([[q, dq, none[0]]], dtype=float))
+        stop_speed = np.zeros((len(segments.rows), n))
+        for row, q in enumerate(segments.starts[:, 0] if len(brakes.plan) else ()):
             stop_speed[row] = braking.stopped_per_torque(self.inertia(q), self.physics_dt)
         measures = [
             (*span(effect, self.physics_dt), effect)
@@ -212,24 +212,24 @@ class Bolted:
         memory_rows = np.zeros((rows if needs_memory else 0, *change.memory.shape))
         power = np.ones((rows, 2)) if power is None else np.array(power, dtype=float)
         drive = Actuators(self.robot, self.physics_dt)
-        inputs = limbs.Orders(
-            self._tree, self._order, self._pull, *pieces, table, which, power, *drive.rows(),
+        inputs = limbs.RunInputs(
+            self._tree, self._order, self._pull, *segments, table, which, power, *drive.rows(),
             change, brakes, forces, stop_speed, self.physics_dt,
         )  # fmt: skip
-        if needs_memory or self._joined(brakes):
+        if needs_memory or self._couples_limbs(brakes):
             loop.run(inputs, out, memory_rows)
         else:
-            limbs.KEPT.run(inputs, self._limbs, out)
-        return self._measured(out, pieces.rows, measures, memory_rows)
+            limbs.CACHE.run(inputs, self._limb_indices, out)
+        return self._measured(out, segments.rows, measures, memory_rows)
 
-    def _joined(self, brakes: Laws) -> bool:
+    def _couples_limbs(self, brakes: Laws) -> bool:
         """Whether limbs are simulated together: one limb, a shared effect, or several braked.
 
         The sweeps of `dynamics.stop` end only when the brakes of all limbs have converged.
         """
-        if len(self._limbs) < 2 or any(e.shared and not e.absent() for e in self._effects):
+        if len(self._limb_indices) < 2 or any(e.shared and not e.absent() for e in self._effects):
             return True
-        has_brake = (np.isin(brakes.joint, self._order[limb]).any() for limb in self._limbs)
+        has_brake = (np.isin(brakes.joint, self._order[limb]).any() for limb in self._limb_indices)
         return sum(has_brake) > 1
 
     def _chain(self, *hooks: str) -> Laws:
@@ -238,7 +238,7 @@ class Bolted:
         acting = [e for e in present if any(overrides(e, hook) for hook in hooks)]
         return Chain(acting, self.physics_dt).laws() if acting else NO_LAWS
 
-    def _heard(self, targets: np.ndarray, which: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def _received(self, targets: np.ndarray, which: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Commands received by the drives, (k, COMMANDS, n), and their index at each physics step.
 
         The deflection of a series spring is applied in the loop.
@@ -257,14 +257,14 @@ class Bolted:
         if not changes:
             return targets, which
         motions = [(target[0], target[1]) for target in targets]
-        return heard(changes, motions, which, targets[:, 2:], 0, self.physics_dt)
+        return received(changes, motions, which, targets[:, 2:], 0, self.physics_dt)
 
     def _measured(
-        self, out: np.ndarray, pieces: np.ndarray, measures: list, memories: np.ndarray
+        self, out: np.ndarray, segments: np.ndarray, measures: list, log: np.ndarray
     ) -> Run:
         """Sensor readings of a simulated motion `out`, (T, 3, n)."""
         q, dq, tau = (np.ascontiguousarray(out[:, i]) for i in range(3))
-        for first, stop in pieces if self.robot.sensors else ():
+        for first, stop in segments if self.robot.sensors else ():
             q[first:stop], dq[first:stop] = self._sensed(q[first:stop])
         if not measures:
             return Run(q, dq, tau)
@@ -277,7 +277,7 @@ class Bolted:
         live = np.flatnonzero(np.all(np.isfinite(out), axis=(1, 2)))
         for first, last, effect in measures:
             samples = live[(first <= live * self._steps) & (live * self._steps < last)]
-            readings, memory = values[samples], memories[samples] if len(memories) else memories
+            readings, memory = values[samples], log[samples] if len(log) else log
             effect.measure_run(readings, at, samples * self.dt, memory)
             values[samples] = readings
         return Run(*(values[:, at[name]] for name in ("q", "dq", "tau")))

@@ -30,7 +30,7 @@ ARMATURE = 31  # inertia of rotor and gear about the joint [kg·m²]
 # Joints between the world and a free base, from the world outwards: three slide along the world
 # axes, three turn about the axes of the base. The pose is stored in the frames of the first and
 # the fourth, so that these joints are at 0 at every step.
-FREE = tuple(f"loco_base_{way}" for way in ("x", "y", "z", "roll", "pitch", "yaw"))
+FREE = tuple(f"loco_base_{direction}" for direction in ("x", "y", "z", "roll", "pitch", "yaw"))
 
 
 class Tree(NamedTuple):
@@ -98,19 +98,19 @@ def build(
 
 
 def geared(
-    made: Tree, order: np.ndarray, joints: Sequence[str], armature: Mapping[str, float]
+    tree: Tree, order: np.ndarray, joints: Sequence[str], armature: Mapping[str, float]
 ) -> Tree:
     """The tree of a fixed-base robot, with rotor inertia added to some joints.
 
     Args:
-        made: Tree of the robot.
+        tree: Tree of the robot.
         order: Index of each of its joints in `joints`, (n,).
         joints: Names of the robot's joints.
         armature: Rotor inertia at the joint [kg·m²], by name.
     """
-    body = made.body.copy()
+    body = tree.body.copy()
     body[:, ARMATURE] = [armature.get(joints[i], 0.0) for i in order]
-    return made._replace(body=body)
+    return tree._replace(body=body)
 
 
 def _rubbing(description: Description, joint: str) -> tuple[float, float, float]:
@@ -172,8 +172,8 @@ class _Walk:
             return
         mass = float(inertial.find("mass").get("value", 0.0))
         rotation, offset = origin_of(inertial)
-        given = inertial.find("inertia")
-        tensor = inertia_matrix([float(given.get(key, 0.0)) for key in TENSOR])
+        attributes = inertial.find("inertia")
+        tensor = inertia_matrix([float(attributes.get(key, 0.0)) for key in TENSOR])
         facing, at = turn @ rotation, place + turn @ offset
         if mass <= 0.0:
             return

@@ -35,7 +35,7 @@ from .spring_kernels import spring_energy, spring_torque
 
 COMMANDS = 4  # rows of a command: positions, velocities, torques, swinging
 
-MADE_OF = "36e746fc4e32"  # of the called kernels, see tests/loco_sim/test_kernel_caches.py
+MADE_OF = "eedea52c7f4c"  # of the called kernels, see tests/loco_sim/test_kernel_caches.py
 
 
 @kernel
@@ -99,7 +99,7 @@ def add_springs(state, springs, tau):
 
 
 @kernel
-def asked(state, command, drives, rotors, supply, on, dt, step, result):
+def drive_demand(state, command, drives, rotors, supply, on, dt, step, result):
     """Duty cycle commanded by each servo, in [-1, 1], and speed of its rotor [rad/s], in `result`.
 
     Both rows of `result`, (2, n), are 0 for other drives and for drives that are off. The other
@@ -135,7 +135,7 @@ class Actuators:
             if joint in robot.springs:
                 self._springs[i] = robot.springs[joint].row()
         self._driven = self._drives[:, 0] > 0.0
-        self._whole = bool(self._driven.all())
+        self._all_driven = bool(self._driven.all())
         self._rotors, self._command = np.zeros((n, MEMORY)), np.zeros((COMMANDS, n))
         self._state, self._tau = np.empty(2 * n), np.empty(n)
         impedance = self._drives[:, 0] == IMPEDANCE
@@ -191,7 +191,7 @@ class Actuators:
                 `trunk` differs from the number of feet.
         """
         total = command.q + command.dq + trunk.tau
-        if not isfinite(sum((total if self._whole else total[self._driven]).tolist())):
+        if not isfinite(sum((total if self._all_driven else total[self._driven]).tolist())):
             return False
         if self._two_gains:
             self._command[3] = self._swinging(trunk.stance)
@@ -216,7 +216,7 @@ class Actuators:
         dq: Sequence[float],
         change: Callable[..., np.ndarray] | None = None,
         held: tuple[np.ndarray, np.ndarray] | None = None,
-        given: Callable[[np.ndarray], np.ndarray] | None = None,
+        transform: Callable[[np.ndarray], np.ndarray] | None = None,
     ) -> list[float]:
         """Joint torques within their limits in the next physics step [N·m], (n,).
 
@@ -226,7 +226,7 @@ class Actuators:
             change: Function that changes the motors in this step, with the arguments and result
                 of the hook `on_motor` of effects; None for no change.
             held: Rows of drives and springs to use instead of the robot's.
-            given: Function that returns the changed torques of the drives in this step, (n,),
+            transform: Function that returns the changed torques of the drives in this step, (n,),
                 before springs are added.
         """
         state, tau = self._state, self._tau
@@ -234,12 +234,12 @@ class Actuators:
         state[: len(tau)], state[len(tau) :] = q, dq
         if change:
             power, share = (self.supply, self.on, self.dt, self._step), np.empty((2, len(tau)))
-            asked(state, self._command, drives, self._rotors, *power, share)
+            drive_demand(state, self._command, drives, self._rotors, *power, share)
             drives = change(drives, *share)
         power = self.dt, self.supply, self.on
         drive_torques(state, self._command, drives, self._rotors, *power, tau, self._step)
-        if given:
-            tau[:] = given(tau.copy())
+        if transform:
+            tau[:] = transform(tau.copy())
         add_springs(state, springs, tau)
         self._step += 1
         return tau.tolist()

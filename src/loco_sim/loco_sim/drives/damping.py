@@ -24,12 +24,12 @@ class DampedDrives:
     sampled drives stays explicit, too, as in the real drive.
     """
 
-    def __init__(self, drives: Actuators, own: np.ndarray):
+    def __init__(self, drives: Actuators, joint_damping: np.ndarray):
         """Wrap drives.
 
         Args:
             drives: The drives, which still receive the commands.
-            own: Damping of the joints themselves, apart from drives and springs
+            joint_damping: Damping of the joints themselves, apart from drives and springs
                 [N·m·s/rad], (n,).
         """
         self._drives = drives
@@ -38,8 +38,8 @@ class DampedDrives:
         held[(held[:, 0] == IMPEDANCE) & (held[:, PERIOD] <= 0.0), 0] = 0.0
         stiff[:, 2] = 0.0
         self._held = held, stiff
-        self._law = np.zeros((4, len(own)))
-        self._dampers, self._law[PASSIVE] = springs[:, 2], springs[:, 2] + own
+        self._law = np.zeros((4, len(joint_damping)))
+        self._dampers, self._law[PASSIVE] = springs[:, 2], springs[:, 2] + joint_damping
 
     def laws(self, q: Sequence[float], dq: Sequence[float]) -> tuple[list[float], np.ndarray]:
         """Explicit torques for the next step, and the laws of the implicit torques.
@@ -62,7 +62,7 @@ class DampedDrives:
         impedance_laws(state, drives.command[0], self._rows, self._memory, *power, self._law)
         return tau, self._law
 
-    def given(self, tau: Sequence[float], solved: np.ndarray, speed: np.ndarray) -> list[float]:
+    def delivered(self, tau: Sequence[float], solved: np.ndarray, speed: np.ndarray) -> list[float]:
         """Torque of drives and springs in a step [N·m], (n,).
 
         Args:

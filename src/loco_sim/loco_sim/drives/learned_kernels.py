@@ -12,7 +12,7 @@ from math import tanh
 from ..jit import kernel
 
 REGION = 7  # number of constants before the weights
-SLOW = 0.02  # speed below which its sign is smoothed, share of the fitted speed (taste)
+SMOOTHING = 0.02  # speed below which its sign is smoothed, share of the fitted speed (taste)
 FADE = 0.5  # width of the fade to zero outside of the region, in half ranges (taste)
 
 
@@ -44,7 +44,7 @@ def learned_torque(q: float, dq: float, tau: float, late: float, row) -> float:
         return 0.0
     x, v, u = min(max(x, -1.0), 1.0), min(max(v, -1.0), 1.0), min(max(u, -1.0), 1.0)
     change = min(max((tau - late) / row[4], -1.0), 1.0)
-    side = tanh(v / SLOW)
+    side = tanh(v / SMOOTHING)
     x2 = x * x
     w = row[REGION:]
     total = w[0] + w[1] * x + w[2] * (2.0 * x2 - 1.0) + w[3] * (4.0 * x2 - 3.0) * x

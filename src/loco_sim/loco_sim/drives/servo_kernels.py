@@ -15,13 +15,13 @@ from ..robot.servo import (
     SPEED_FEED,
 )
 
-WANTED, GAIN, LIMIT, PASSIVE = range(4)  # rows of the array `law` of `impedance_laws`
+DEMAND, GAIN, LIMIT, PASSIVE = range(4)  # rows of the array `law` of `impedance_laws`
 # Columns of the state of a drive: position and speed of the rotor of a servo [rad, rad/s];
 # torque of the integrator [N·m]; the held output, the sum of the outputs computed since the last
 # sample, and their number (0: no output is held yet).
 ROTOR, SPIN, INTEGRAL, IN_FORCE, TOTAL, COUNT = range(6)
 MEMORY = 6
-EARLY = 1e-6  # tolerance of the sampling instant against rounding, share of a period
+ROUNDING = 1e-6  # tolerance of the sampling instant against rounding, share of a period
 
 
 @inlined
@@ -41,34 +41,34 @@ def due(step: int, dt: float, period: float) -> bool:
     """Whether a drive samples at a physics step: the first at or after each period."""
     if period <= dt:
         return True
-    return np.floor(step * dt / period + EARLY) > np.floor((step - 1) * dt / period + EARLY)
+    return np.floor(step * dt / period + ROUNDING) > np.floor((step - 1) * dt / period + ROUNDING)
 
 
 @inlined
-def in_force(now: float, row: np.ndarray, memory: np.ndarray, sample: bool) -> float:
+def in_force(command: float, row: np.ndarray, memory: np.ndarray, sample: bool) -> float:
     """Active torque or duty cycle: the held value between samples, else the current or mean one.
 
     Args:
-        now: Torque or duty cycle from the control law at this step.
+        command: Torque or duty cycle from the control law at this step.
         row: Constants of the drive.
         memory: State of the drive, (MEMORY,).
         sample: Whether the drive samples now: `due`.
     """
     if row[PERIOD] <= 0.0:
-        return now
+        return command
     if memory[COUNT] > 0.0 and not sample:
         return memory[IN_FORCE]
-    return memory[TOTAL] / memory[COUNT] if row[AVERAGED] > 0.0 and memory[COUNT] > 0.0 else now
+    return memory[TOTAL] / memory[COUNT] if row[AVERAGED] > 0.0 and memory[COUNT] > 0.0 else command
 
 
 @inlined
-def hold(now: float, row: np.ndarray, memory: np.ndarray, sample: bool) -> float:
+def hold(command: float, row: np.ndarray, memory: np.ndarray, sample: bool) -> float:
     """Return `in_force`, and store it for the next steps."""
-    value = in_force(now, row, memory, sample)
+    value = in_force(command, row, memory, sample)
     if sample or memory[COUNT] == 0.0:
         memory[TOTAL] = memory[COUNT] = 0.0
     memory[IN_FORCE] = value
-    memory[TOTAL] += now
+    memory[TOTAL] += command
     memory[COUNT] += 1.0
     return value
 
@@ -163,7 +163,7 @@ def impedance_laws(state, command, drives, memory, dt, on, law):
             if row[5] > 0.0 or row[6] > 0.0:
                 torque += memory[i, INTEGRAL]
                 integrate(torque - kd * dq, error, speed - dq, row, memory[i], on * dt)
-            law[WANTED, i], law[GAIN, i], law[LIMIT, i] = on * torque, on * kd, row[EFFORT]
+            law[DEMAND, i], law[GAIN, i], law[LIMIT, i] = on * torque, on * kd, row[EFFORT]
 
 
 @inlined
@@ -181,16 +181,16 @@ def scaled(row: np.ndarray, factor: float) -> None:
 
 
 @inlined
-def given(row: np.ndarray, asked: float, speed: float) -> float:
+def motor_torque(row: np.ndarray, duty: float, speed: float) -> float:
     """Motor torque of a servo at a duty cycle and a rotor speed [N·m]."""
-    return clipped(row[1] * asked - row[2] * speed, row[8])
+    return clipped(row[1] * duty - row[2] * speed, row[8])
 
 
 @inlined
 def servo_torque(
     q: float,
     dq: float,
-    asked: float,
+    duty: float,
     row: np.ndarray,
     rotor: np.ndarray,
     dt: float,
@@ -204,7 +204,7 @@ def servo_torque(
     Args:
         q: Joint position [rad].
         dq: Joint velocity [rad/s].
-        asked: Duty cycle commanded by its position loop, from `share`.
+        duty: Duty cycle commanded by its position loop, from `share`.
         row: `ServoParams.row`.
         rotor: Position [rad] and speed [rad/s] of the rotor, at the joint; changed in place.
         dt: Physics step [s].
@@ -213,7 +213,7 @@ def servo_torque(
     """
     stall, slope = row[1] * supply * on, row[2] * on
     inertia, stiff, damp, effort = row[5], row[6], row[7], row[8]
-    push = stall * asked
+    push = stall * duty
     if inertia <= 0.0:
         return clipped(push - slope * dq, effort)
     gear = stiff * (rotor[0] - q) - damp * dq  # torque for zero rotor speed

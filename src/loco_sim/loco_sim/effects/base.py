@@ -25,7 +25,7 @@ from loco_control.types import RobotState
 
 from ..robot.servo import TorqueDrive
 from .identity import Identity
-from .offers import Hints, Offer, plain
+from .offers import Motion, Offer, scalar_offer
 from .places import turning
 
 if TYPE_CHECKING:
@@ -51,7 +51,7 @@ class Effect:
     lasting: ClassVar[bool] = False  # active for the whole run, since it is built into the world
     shared: ClassVar[bool] = False  # couples all its joints, e.g. by their power supply
     draws: ClassVar[bool] = False  # random: depends on the seed
-    blind: ClassVar[bool] = False  # `on_step` sets forces and friction regardless of the state
+    stateless: ClassVar[bool] = False  # `on_step` sets forces and friction regardless of the state
 
     start: float = parameter(0.0, "the effect begins", "s", low=0.0)
     stop: float = parameter(math.inf, "the effect ends", "s", low=0.0)
@@ -110,7 +110,7 @@ class Effect:
         return [""]
 
     @classmethod
-    def offers(cls, robot: Robot, signals: Sequence[str], hints: Hints) -> list[Offer]:
+    def offers(cls, robot: Robot, signals: Sequence[str], motion: Motion) -> list[Offer]:
         """Locations at which gap finding tries the effect, with the parameters to identify.
 
         By default each of its `places`, with all scalar parameters that have a prior free.
@@ -118,9 +118,9 @@ class Effect:
         Args:
             robot: A robot to which the effect applies.
             signals: Measured signals, e.g. ("q", "gyro").
-            hints: Ranges of joint motion, and times at which the residual is large.
+            motion: Ranges of joint motion, and times at which the residual is large.
         """
-        return [plain(cls, place) for place in cls.places(robot)]
+        return [scalar_offer(cls, place) for place in cls.places(robot)]
 
     @classmethod
     def fuse(cls, hook: str) -> Callable[..., Any] | None:
@@ -193,7 +193,7 @@ class Effect:
         return tau
 
     def on_motor(
-        self, rows: np.ndarray, asked: np.ndarray, speed: np.ndarray, dt: float, t: float
+        self, rows: np.ndarray, duty: np.ndarray, speed: np.ndarray, dt: float, t: float
     ) -> np.ndarray:
         """Motor constants of the servos in this physics step.
 
@@ -202,7 +202,7 @@ class Effect:
         Args:
             rows: Unchanged parameter rows of the drives (`servo.ServoParams.row`),
                 (n, COLUMNS).
-            asked: Duty cycle commanded by each servo, in [-1, 1], (n,).
+            duty: Duty cycle commanded by each servo, in [-1, 1], (n,).
             speed: Speed of its rotor [rad/s], (n,).
             dt: Physics step [s].
             t: Time [s].

@@ -19,7 +19,7 @@ from loco_control.params import parameter
 
 from .base import Effect, span
 from .places import AMONG, eligible, joint_places
-from .rows import CONSTANTS, DELAY, MEMORY, NEVER, ON_MOTOR, Laws
+from .rows import CONSTANTS, DELAY, MAX_INT, MEMORY, ON_MOTOR, Laws
 
 if TYPE_CHECKING:
     from ..world.world import World
@@ -43,7 +43,7 @@ class Chain:
 
         self._kernels = laws
         rows = np.cumsum([0, *(len(e.joints) for e in effects)])
-        windows = [(first, min(last, NEVER)) for first, last in (span(e, dt) for e in effects)]
+        windows = [(first, min(last, MAX_INT)) for first, last in (span(e, dt) for e in effects)]
         self._plan = np.array(
             [
                 (e.law, a, b, *window)
@@ -91,11 +91,11 @@ class Chain:
         return out
 
     def motor(
-        self, rows: np.ndarray, asked: np.ndarray, speed: np.ndarray, dt: float, t: float
+        self, rows: np.ndarray, duty: np.ndarray, speed: np.ndarray, dt: float, t: float
     ) -> np.ndarray:
         """Hook `on_motor` of all effects."""
         out, step = rows.copy(), round(t / dt)
-        self._kernels.motors(step, self._plan, self._joint, self._const, out, asked, speed)
+        self._kernels.motors(step, self._plan, self._joint, self._const, out, duty, speed)
         return out
 
     def brake(
@@ -151,15 +151,15 @@ class JointEffect(Effect):
 
     def configure(self, world: World) -> None:
         self.require(world.robot)
-        self.joints, self._dt = self._chosen(world), world.dt
+        self.joints, self._dt = self._joint_indices(world), world.dt
         self.rows = np.zeros((len(self.joints), CONSTANTS))
         for column, value in enumerate(self.constants(world, self.joints)):
             self.rows[:, column] = value
 
     def reset(self, rng: np.random.Generator) -> None:
-        self._alone = Chain([self], self._dt)
+        self._chain = Chain([self], self._dt)
 
-    def _chosen(self, world: World) -> np.ndarray:
+    def _joint_indices(self, world: World) -> np.ndarray:
         fitting = eligible(world.robot, self.among)
         if not self.joint:
             return fitting
@@ -179,7 +179,7 @@ class TorqueEffect(JointEffect):
     def on_torque(
         self, tau: np.ndarray, q: np.ndarray, dq: np.ndarray, dt: float, t: float
     ) -> np.ndarray:
-        return self._alone.torque(tau, q, dq, dt, t)
+        return self._chain.torque(tau, q, dq, dt, t)
 
 
 @dataclass
@@ -189,7 +189,7 @@ class DriveEffect(JointEffect):
     def on_drive(
         self, tau: np.ndarray, q: np.ndarray, dq: np.ndarray, dt: float, t: float
     ) -> np.ndarray:
-        return self._alone.drive(tau, q, dq, dt, t)
+        return self._chain.drive(tau, q, dq, dt, t)
 
 
 @dataclass
@@ -205,9 +205,9 @@ class MotorEffect(DriveEffect):
         self.rows[:, ON_MOTOR] = [getattr(drive, "rotor_inertia", 0.0) > 0.0 for drive in drives]
 
     def on_motor(
-        self, rows: np.ndarray, asked: np.ndarray, speed: np.ndarray, dt: float, t: float
+        self, rows: np.ndarray, duty: np.ndarray, speed: np.ndarray, dt: float, t: float
     ) -> np.ndarray:
-        return self._alone.motor(rows, asked, speed, dt, t)
+        return self._chain.motor(rows, duty, speed, dt, t)
 
 
 @dataclass
@@ -227,4 +227,4 @@ class BrakeEffect(JointEffect):
         dt: float,
         t: float,
     ) -> np.ndarray:
-        return self._alone.brake(budget, tau, q, dq, dt, t)
+        return self._chain.brake(budget, tau, q, dq, dt, t)

@@ -15,7 +15,7 @@ from math import cos, exp, sin, tanh
 import numpy as np
 
 from ..drives.learned_kernels import learned_torque
-from ..drives.servo_kernels import due, given, scaled
+from ..drives.servo_kernels import due, motor_torque, scaled
 from ..drives.spring_kernels import spring_torque
 from ..jit import kernel
 from .rows import (
@@ -43,7 +43,7 @@ from .rows import (
     WAVE,
 )
 
-MADE_OF = "337d6ee03bdc"  # of the called kernels, see tests/loco_sim/test_kernel_caches.py
+MADE_OF = "4f266f9152a2"  # of the called kernels, see tests/loco_sim/test_kernel_caches.py
 
 REST = 1e-5  # speed below which a joint is at rest, above numerical noise [rad/s] (taste)
 OF_DRIVE, OF_JOINT = np.array([True, False])  # of `torques`; numba compiles for each literal anew
@@ -138,11 +138,11 @@ def speed_line(first, last, joint, const, memory, tau, q, dq, dt):
 
 
 @kernel
-def motor_line(first, last, joint, const, rows, asked, speed):
+def motor_line(first, last, joint, const, rows, duty, speed):
     """Law `speed_line` on motors, at their speed."""
     for r in range(first, last):
         j = joint[r]
-        if const[r, ON_MOTOR] != 0.0 and given(rows[j], asked[j], speed[j]) * speed[j] > 0.0:
+        if const[r, ON_MOTOR] != 0.0 and motor_torque(rows[j], duty[j], speed[j]) * speed[j] > 0.0:
             bound = const[r, 0] * max(0.0, 1.0 - const[r, 1] * abs(speed[j]))
             rows[j, 8] = min(rows[j, 8], bound)
 
@@ -161,13 +161,13 @@ def sag(first, last, joint, const, memory, tau, q, dq, dt):
 
 
 @kernel
-def motor_sag(first, last, joint, const, rows, asked, speed):
+def motor_sag(first, last, joint, const, rows, duty, speed):
     """Law `sag` on motors; the load of drives without a rotor does not count."""
     load = 0.0
     for r in range(first, last):
         j = joint[r]
         if const[r, ON_MOTOR] != 0.0:
-            load += abs(given(rows[j], asked[j], speed[j])) / const[r, 0]
+            load += abs(motor_torque(rows[j], duty[j], speed[j])) / const[r, 0]
     load /= max(1, last - first)
     for r in range(first, last):
         if const[r, ON_MOTOR] != 0.0:
@@ -416,7 +416,7 @@ def torques(of_drives, step, dt, laws, tau, q, dq):
 
 
 @kernel
-def motors(step, plan, joint, const, rows, asked, speed):
+def motors(step, plan, joint, const, rows, duty, speed):
     """Run the motor laws of a chain in sequence, changing the parameter rows of servos in place.
 
     Args:
@@ -425,7 +425,7 @@ def motors(step, plan, joint, const, rows, asked, speed):
         joint: Joint of each row, (r,).
         const: Constants of each row, (r, CONSTANTS).
         rows: Drives, as in `servo.ServoParams.row`, (n, COLUMNS); changed.
-        asked: Duty cycle commanded by each servo, in [-1, 1], (n,).
+        duty: Duty cycle commanded by each servo, in [-1, 1], (n,).
         speed: Speed of its rotor [rad/s], (n,).
     """
     for k in range(plan.shape[0]):
@@ -437,9 +437,9 @@ def motors(step, plan, joint, const, rows, asked, speed):
         elif law == LIMIT:
             motor_limit(a, b, joint, const, rows)
         elif law == SPEED_LINE:
-            motor_line(a, b, joint, const, rows, asked, speed)
+            motor_line(a, b, joint, const, rows, duty, speed)
         elif law == SAG:
-            motor_sag(a, b, joint, const, rows, asked, speed)
+            motor_sag(a, b, joint, const, rows, duty, speed)
 
 
 @kernel

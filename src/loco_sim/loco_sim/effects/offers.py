@@ -24,7 +24,7 @@ AXES = np.eye(3).tolist()
 
 
 @dataclass(frozen=True)
-class Hints:
+class Motion:
     """Ranges of joint motion and features of the residual, known before any fit.
 
     Attributes:
@@ -52,7 +52,7 @@ class Offer(NamedTuple):
     variant: str = ""  # variant of the effect, e.g. the signal of a sensor
 
 
-def plain(cls: type[Effect], place: str) -> Offer:
+def scalar_offer(cls: type[Effect], place: str) -> Offer:
     """Offer with all scalar parameters that have a prior free."""
     fixed = (("joint", place),) if place else ()
     free = [coordinate(cls, name) for name in cls.identity.priors]
@@ -91,18 +91,18 @@ def logarithmic(cls: type[Effect], name: str, starts: Sequence[float]) -> Coordi
     return Coordinate(name, starts[0], at, max(low, 1e-9), high, unit, logarithmic=True)
 
 
-def at_most(shape: Coordinate, most: float) -> Coordinate:
+def at_most(shape: Coordinate, limit: float) -> Coordinate:
     """A logarithmic coordinate with initial value and upper bound reduced to at most a value.
 
     Args:
         shape: The coordinate.
-        most: Largest value; NaN for no change.
+        limit: Largest value; NaN for no change.
     """
-    if not shape.low < most < shape.high:
+    if not shape.low < limit < shape.high:
         return shape
-    size = min(shape.size, most)
-    start = tuple(dict.fromkeys(min(x, math.log(most / size)) for x in shape.start))
-    return replace(shape, size=size, start=start, high=most)
+    size = min(shape.size, limit)
+    start = tuple(dict.fromkeys(min(x, math.log(limit / size)) for x in shape.start))
+    return replace(shape, size=size, start=start, high=limit)
 
 
 def within(

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from .base import Effect, overrides, span
-from .rows import NEVER
+from .rows import MAX_INT
 
 CONSTANTS = 11  # point, force, anchor (3 each), stiffness, length
 
@@ -56,7 +56,7 @@ def laid_out(
     for k, (effect, pull) in enumerate(pairs):
         body[k], place, turn = frames[pull.link]
         first, last = span(effect, dt)
-        window[k] = first, min(last, NEVER)
+        window[k] = first, min(last, MAX_INT)
         anchor = np.array(pull.anchor) - (0.0, 0.0, height)
         point = place + turn @ np.array(pull.point)
         const[k] = *point, *pull.force, *anchor, pull.stiffness, pull.length

@@ -17,7 +17,7 @@ from loco_control.types import RobotState
 from .base import span
 from .identity import SENSOR_SIGNALS
 
-SOUGHT = 8  # fixed-point iterations of `behind`
+ITERATIONS = 8  # fixed-point iterations of `behind`
 
 
 class Layout:
@@ -112,7 +112,7 @@ def behind(
     first = missed(read)
     true = read + first
     with np.errstate(over="ignore", invalid="ignore"):
-        for _ in range(SOUGHT - 1):
+        for _ in range(ITERATIONS - 1):
             true += missed(true)
         improved = np.abs(missed(true)) <= np.abs(first)
     true = np.where(improved, true, read)

@@ -15,7 +15,7 @@ OF_DRIVES = 9  # smaller numbers are laws on the drive torque, the others on the
 FEATURES = 18  # number of features of `learned_kernels.learned_torque`
 CONSTANTS, MEMORY = 7 + FEATURES, 5  # numbers per row
 ON_MOTOR = 2  # index among the constants of a drive law: 1 if it acts on the motor behind a gear
-NEVER = np.iinfo(np.int64).max
+MAX_INT = np.iinfo(np.int64).max
 
 
 class Laws(NamedTuple):

@@ -35,11 +35,11 @@ def behind_springs(effects: Sequence[Effect]) -> str:
     return ""
 
 
-def heard(
+def received(
     changes: Sequence[Window],
-    wanted: Sequence[tuple[np.ndarray, np.ndarray]],
+    targets: Sequence[tuple[np.ndarray, np.ndarray]],
     which: np.ndarray,
-    others: np.ndarray,
+    remaining: np.ndarray,
     first: int,
     dt: float,
 ) -> tuple[np.ndarray, np.ndarray]:
@@ -47,9 +47,9 @@ def heard(
 
     Args:
         changes: Hooks of `commanding`.
-        wanted: Desired positions and velocities of each command, (n,) each.
+        targets: Desired positions and velocities of each command, (n,) each.
         which: Command index of each physics step.
-        others: Remaining rows of each command.
+        remaining: Remaining rows of each command.
         first: Number of the first physics step.
         dt: Physics step [s].
     """
@@ -57,14 +57,14 @@ def heard(
     numbers: dict[tuple[int, int, int], int] = {}
     table, index, references = [], np.empty_like(which), []
     for at, row in enumerate(which):
-        q, dq = wanted[row]
+        q, dq = targets[row]
         for start, end, change in changes:
             if start <= first + at < end:
                 q, dq = change(q, dq, (first + at) * dt)
         key = id(q), id(dq), int(row)
         if key not in numbers:
             numbers[key] = len(table)
-            table.append(np.stack([q, dq, *others[row]]))
+            table.append(np.stack([q, dq, *remaining[row]]))
             references.append((q, dq))
         index[at] = numbers[key]
     return np.array(table), index

@@ -5,12 +5,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-NOTHING = "nothing of the model is missing here"
+COMPLETE = "nothing of the model is missing here"
 
 
 def lines(robot: str, lost: Sequence[str]) -> list[str]:
     """Sentences of the header."""
-    missing = ["not in this file:", *(f"  - {text}" for text in lost)] if lost else [NOTHING]
+    missing = ["not in this file:", *(f"  - {text}" for text in lost)] if lost else [COMPLETE]
     return [f"Model of robot {robot}, written by `loco export-model`; SI units.", *missing]
 
 

@@ -56,7 +56,7 @@ def mjcf(model: Portable) -> tuple[str, list[str]]:
     joints = {element.get("name"): element for element in root.iter("joint")}
     actuators = ET.SubElement(root, "actuator")
     driven = [joint for joint in model.joints if joint.kind in (IMPEDANCE, SERVO, TORQUE)]
-    before = places(root, WIDTHS)
+    before = offsets(root, WIDTHS)
     for joint in model.joints:
         _passive(joints[joint.name], joint)
         if joint.gear is not None:
@@ -81,7 +81,7 @@ def mjcf(model: Portable) -> tuple[str, list[str]]:
     return comments.xml(ET.tostring(root, encoding="unicode"), model.robot.name, lost), lost
 
 
-def places(root: ET.Element, widths: Mapping[str, int]) -> dict[str, int]:
+def offsets(root: ET.Element, widths: Mapping[str, int]) -> dict[str, int]:
     """Index of the first number of each joint in the state of a model, by name.
 
     Args:
@@ -99,7 +99,7 @@ def places(root: ET.Element, widths: Mapping[str, int]) -> dict[str, int]:
 
 def dofs(text: str) -> dict[str, int]:
     """Index of the (first) degree of freedom of each joint of the MJCF."""
-    return places(ET.fromstring(text), FREEDOMS)
+    return offsets(ET.fromstring(text), FREEDOMS)
 
 
 def _numerics(driven: Sequence[Joint]) -> dict[str, list[float]]:
@@ -190,7 +190,7 @@ def _stand(root: ET.Element, before: Mapping[str, int]) -> None:
         return
     old = key.get("qpos").split()
     pose = [*old]
-    for name, at in places(root, WIDTHS).items():
+    for name, at in offsets(root, WIDTHS).items():
         if name not in before:
             pose.insert(at, old[before[name.removesuffix(ROTOR)]])
     key.set("qpos", " ".join(pose))

@@ -12,7 +12,7 @@ from ..robot.urdf_check import SIZES, shape_problems
 from .notes import Notes
 
 THIN = 1e-3  # thickness given to sides of length 0 [m]
-KINDS = {"collision": "without a shape that touches", "visual": "without a shape to draw"}
+SHAPE_NOTES = {"collision": "without a shape that touches", "visual": "without a shape to draw"}
 
 
 def cure(root: ET.Element, folder: Path, notes: Notes) -> None:
@@ -24,7 +24,7 @@ def cure(root: ET.Element, folder: Path, notes: Notes) -> None:
         notes: Collects what was changed.
     """
     for link in root.findall("link"):
-        for kind, text in KINDS.items():
+        for kind, text in SHAPE_NOTES.items():
             for shape in link.findall(kind):
                 name = link.get("name") or ""
                 _thicken(shape, name, notes)
@@ -38,16 +38,16 @@ def _thicken(shape: ET.Element, name: str, notes: Notes) -> None:
     """Give plates and discs of zero thickness a thickness of `THIN`."""
     body = _body(shape)
     for key in SIZES.get("" if body is None else body.tag, ()):
-        words = body.get(key, "").split()
-        flat = [word for word in words if _zero(word)]
-        if flat and (len(flat) < len(words) or key == "length"):
-            body.set(key, " ".join(f"{THIN:g}" if _zero(word) else word for word in words))
+        numbers = body.get(key, "").split()
+        zeros = [text for text in numbers if _zero(text)]
+        if zeros and (len(zeros) < len(numbers) or key == "length"):
+            body.set(key, " ".join(f"{THIN:g}" if _zero(text) else text for text in numbers))
             notes.add(f"a side of length 0 is read as {1e3 * THIN:g} mm", name)
 
 
-def _zero(word: str) -> bool:
+def _zero(text: str) -> bool:
     try:
-        return float(word) == 0.0
+        return float(text) == 0.0
     except ValueError:
         return False
 

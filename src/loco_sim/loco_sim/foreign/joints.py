@@ -46,9 +46,9 @@ def _free(root: ET.Element, joint: ET.Element, notes: Notes) -> None:
     """Remove a floating joint at a massless root (the base floats anyway); lock others."""
     kind, name, parent = joint.get("type"), joint.get("name") or "", _end(joint, "parent")
     link = next((e for e in root.findall("link") if e.get("name") == parent), None)
-    others = [j for j in root.findall("joint") if j is not joint]
-    alone = all(parent != _end(j, end) for j in others for end in ("parent", "child"))
-    if link is not None and alone and mass_of(link) == 0.0:
+    other_joints = [j for j in root.findall("joint") if j is not joint]
+    is_isolated = all(parent != _end(j, end) for j in other_joints for end in ("parent", "child"))
+    if link is not None and is_isolated and mass_of(link) == 0.0:
         root.remove(link)
         root.remove(joint)
         reason = "as a base that stands floats without it"
@@ -60,10 +60,10 @@ def _free(root: ET.Element, joint: ET.Element, notes: Notes) -> None:
 
 def _range(joint: ET.Element, notes: Notes) -> None:
     limit, name = joint.find("limit"), joint.get("name") or ""
-    given = {} if limit is None else limit.attrib
-    ends = {"lower", "upper"} & set(given)
+    attributes = {} if limit is None else limit.attrib
+    bounds = {"lower", "upper"} & set(attributes)
     try:
-        low, high = (float(given.get(key, 0.0)) for key in ("lower", "upper"))
+        low, high = (float(attributes.get(key, 0.0)) for key in ("lower", "upper"))
         dynamics = joint.findall("dynamics")
         drag = [float(e.get(k, 0.0)) for e in dynamics for k in ("damping", "friction")]
     except ValueError:
@@ -71,11 +71,11 @@ def _range(joint: ET.Element, notes: Notes) -> None:
     if max(drag, default=0.0) > LARGEST:  # some authors lock a joint in this way
         lock(joint, 0.0)
         notes.add("locked, as a damping or friction that no drive overcomes holds them", name)
-    elif ends and low == high != 0.0:
+    elif bounds and low == high != 0.0:
         lock(joint, low)
         notes.add("locked, as the limits are equal", name)
-    elif not ends or low >= high:
-        reason = "name none" if not ends else "are 0" if low == high else "are crossed"
+    elif not bounds or low >= high:
+        reason = "name none" if not bounds else "are 0" if low == high else "are crossed"
         if joint.get("type") == "revolute":
             joint.set("type", "continuous")
             notes.add(f"turn without limits, as they {reason}", name)
@@ -84,7 +84,7 @@ def _range(joint: ET.Element, notes: Notes) -> None:
         limit.set("lower", str(-SLIDE))
         limit.set("upper", str(SLIDE))
         notes.add(f"slide ±{SLIDE:g} m, as their limits {reason}", name)
-    elif len(ends) == 1:
+    elif len(bounds) == 1:
         notes.add(f"a limit that is not named is read as 0 ({low:g} to {high:g})", name)
 
 

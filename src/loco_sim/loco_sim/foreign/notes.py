@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-SHOWN = 4  # largest number of names in one sentence
+MAX_NAMES = 4  # largest number of names in one sentence
 
 
 class Notes:
@@ -34,5 +34,5 @@ class Notes:
 
 def listed(names: list[str]) -> str:
     """The first names of a list, and the number of the remaining ones."""
-    shown = ", ".join(names[:SHOWN])
-    return shown if len(names) <= SHOWN else f"{shown} and {len(names) - SHOWN} more"
+    listing = ", ".join(names[:MAX_NAMES])
+    return listing if len(names) <= MAX_NAMES else f"{listing} and {len(names) - MAX_NAMES} more"

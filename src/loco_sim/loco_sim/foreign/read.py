@@ -17,13 +17,13 @@ from loco_control.reading import read_bytes
 
 from .. import lazy
 from ..engines import require
-from ..robot.urdf_check import MOST, is_xacro, parse, parse_xml
+from ..robot.urdf_check import MAX_SIZE, is_xacro, parse, parse_xml
 from .notes import Notes
 from .rotors import Rotors
 
 mjcf = lazy.module("loco_sim.world.mjcf")  # loaded lazily: only MJCF files need MuJoCo
 
-KEPT = ("link", "joint", "material")
+READ_TAGS = ("link", "joint", "material")
 # Substitute for the ROS package index: packages in the environment or near the xacro file.
 PACKAGES = """
 import os, re
@@ -45,11 +45,11 @@ def get_package_share_directory(name):
         return str(place)
     raise PackageNotFoundError(f"there is no package {name} near {near}")
 """
-REFUSED = {
+UNSUPPORTED = {
     "mujocoinclude": "is a part of an MJCF: name the file that includes it",
     "sdf": "is an SDF; a robot here comes from a URDF, a xacro or an MJCF",
 }
-PATIENCE = 60.0  # time-out of xacro [s]
+TIMEOUT = 60.0  # time-out of xacro [s]
 
 
 def read(path: Path, notes: Notes) -> tuple[ET.Element, Rotors]:
@@ -62,13 +62,13 @@ def read(path: Path, notes: Notes) -> tuple[ET.Element, Rotors]:
     Raises:
         ParameterError: The file is not a readable robot description.
     """
-    text = read_bytes(path, "robot", MOST).decode(errors="replace")
+    text = read_bytes(path, "robot", MAX_SIZE).decode(errors="replace")
     root = parse_xml(text, str(path))
     if root.tag == "mujoco":
         require("mujoco")
         return mjcf.to_urdf(path, notes.add)
-    if root.tag in REFUSED:
-        raise ParameterError(f"{path} {REFUSED[root.tag]}")
+    if root.tag in UNSUPPORTED:
+        raise ParameterError(f"{path} {UNSUPPORTED[root.tag]}")
     if is_xacro(root):
         text = _expanded(path)
         notes.add("expanded by xacro")
@@ -77,7 +77,7 @@ def read(path: Path, notes: Notes) -> tuple[ET.Element, Rotors]:
         notes.add("$(optenv ...) is read as its default")
     root = parse(defaults.sub(r"\1", text), str(path))
     for element in list(root):
-        if element.tag not in KEPT:
+        if element.tag not in READ_TAGS:
             root.remove(element)
             _loops(element, notes)
     return root, Rotors()
@@ -112,13 +112,11 @@ def _expanded(path: Path) -> str:
     with tempfile.TemporaryDirectory() as place:
         try:
             done = subprocess.run(
-                [command, str(path)], capture_output=True, text=True, timeout=PATIENCE,
+                [command, str(path)], capture_output=True, text=True, timeout=TIMEOUT,
                 check=False, env=_finding(path.resolve().parent, Path(place)),
             )  # fmt: skip
         except subprocess.TimeoutExpired:
-            raise ParameterError(
-                f"{path}: xacro did not end in {PATIENCE:g} s: {by_hand}"
-            ) from None
+            raise ParameterError(f"{path}: xacro did not end in {TIMEOUT:g} s: {by_hand}") from None
     if done.returncode:
         lines = map(str.strip, done.stderr.splitlines())
         reasons = [line for line in lines if line and not line.startswith("when ")]

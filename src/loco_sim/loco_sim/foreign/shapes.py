@@ -38,10 +38,10 @@ def _points(body: ET.Element, folder: Path) -> np.ndarray:
     if body.tag == "sphere":
         return float(body.get("radius")) * np.vstack([np.eye(3), -np.eye(3)])
     if body.tag in ("cylinder", "capsule"):
-        radius, half = float(body.get("radius")), 0.5 * float(body.get("length"))
-        half += radius if body.tag == "capsule" else 0.0
+        radius, half_length = float(body.get("radius")), 0.5 * float(body.get("length"))
+        half_length += radius if body.tag == "capsule" else 0.0
         rim = np.column_stack([radius * np.cos(ROUND), radius * np.sin(ROUND), 0.0 * ROUND])
-        return np.vstack([rim + [0.0, 0.0, half], rim - [0.0, 0.0, half]])
+        return np.vstack([rim + [0.0, 0.0, half_length], rim - [0.0, 0.0, half_length]])
     path = mesh_path(body.get("filename", ""), folder)
     return mesh_points(path) * numbers(body, "scale", "1 1 1") if path else np.zeros((0, 3))
 

@@ -56,11 +56,11 @@ class Tidied:
         """Remove commas from vectors, and numbers after the third."""
         for element in self.root.iter():
             for key in {"xyz", "rpy", "scale", "size"} & set(element.keys()):
-                words = element.get(key).replace(",", " ").split()
-                if words != element.get(key).split() or len(words) > 3:
+                numbers = element.get(key).replace(",", " ").split()
+                if numbers != element.get(key).split() or len(numbers) > 3:
                     text = f"{key} {element.get(key)!r} is read as its first three numbers"
                     self._notes.add(text)
-                    element.set(key, " ".join(words[:3]))
+                    element.set(key, " ".join(numbers[:3]))
 
     def mass(self) -> float:
         """Mass of all links [kg]."""
@@ -85,9 +85,9 @@ class Tidied:
             rotation: Rotation from the old frame to the new one, (3, 3).
         """
         link = self.link(root)
-        places = [link.find("inertial"), *link.findall("collision"), *link.findall("visual")]
-        places += [j for j in self.root.findall("joint") if j.find("parent").get("link") == root]
-        for place in places:
+        elements = [link.find("inertial"), *link.findall("collision"), *link.findall("visual")]
+        elements += [j for j in self.root.findall("joint") if j.find("parent").get("link") == root]
+        for place in elements:
             if place is not None:
                 _turn_origin(place, rotation)
 

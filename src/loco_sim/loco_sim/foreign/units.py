@@ -22,7 +22,7 @@ from .notes import Notes
 from .shapes import link_points
 
 LARGE = 10.0  # lengths beyond this are not in m [m]
-BEYOND = 30.0  # ratio of the size of a mesh in mm to all other lengths
+MESH_RATIO = 30.0  # ratio of the size of a mesh in mm to all other lengths
 MILLI = 1e-3
 SHARE = 0.15  # typical moment of inertia / (m d² / 4)
 IMPOSSIBLE = 3.0  # impossible value of the same ratio
@@ -35,7 +35,7 @@ UNITS = {1e3: "g·m²", 1e4: "kg·cm²", 1e6: "kg·mm²", 1e7: "g·cm²", 1e9: "
 LENGTHS = {1e3: "mm", 1e2: "cm"}  # number of units per m
 THIN = 1e-2  # mass / cube of the largest joint distance: thinner than air [kg/m³]
 USUAL_LENGTH, USUAL_DENSITY = 0.3, 200.0  # joint distance [m] and mass / its cube [kg/m³] (taste)
-TURNED = 4.0 * np.pi, 720.0  # range of limits of hinges that are more likely degrees [rad]
+DEGREES = 4.0 * np.pi, 720.0  # range of limits of hinges that are more likely degrees [rad]
 
 
 @dataclass(frozen=True)
@@ -88,16 +88,16 @@ def check(root: ET.Element, folder: Path, notes: Notes, suspects: Notes) -> None
         for size in sizes
     ]  # fmt: skip
     _inertias(scaled, notes, suspects)
-    longest = max(LARGE, BEYOND * max((size.diagonal for size in scaled), default=0.0))
-    _ranges(limits["revolute"], *TURNED, "rad", ("joint limits in degrees", "by 57.3"), suspects)
+    longest = max(LARGE, MESH_RATIO * max((size.diagonal for size in scaled), default=0.0))
+    _ranges(limits["revolute"], *DEGREES, "rad", ("joint limits in degrees", "by 57.3"), suspects)
     _ranges(limits["prismatic"], longest, np.inf, "m", ("slides in mm", "by 1000"), suspects)
 
 
 def _joint_reach(root: ET.Element, link: str) -> float:
     """Largest distance of a joint on a link from its origin [m]."""
-    hung = [j for j in root.findall("joint") if j.find("parent").get("link") == link]
-    places = [numbers(joint.find("origin"), "xyz", "0 0 0") for joint in hung]
-    return max((float(np.linalg.norm(place)) for place in places), default=0.0)
+    child_joints = [j for j in root.findall("joint") if j.find("parent").get("link") == link]
+    offsets = [numbers(joint.find("origin"), "xyz", "0 0 0") for joint in child_joints]
+    return max((float(np.linalg.norm(place)) for place in offsets), default=0.0)
 
 
 def _moment(link: ET.Element) -> float:
@@ -121,7 +121,7 @@ def _size(root: ET.Element, link: ET.Element, folder: Path) -> Size:
 
 def _meshes(root: ET.Element, folder: Path, notes: Notes) -> None:
     """Scale meshes that are far larger than all other lengths of the robot."""
-    found = [
+    meshes = [
         (link, shape, shape.find("geometry/mesh"))
         for link in root.findall("link")
         for kind in ("collision", "visual")
@@ -135,17 +135,17 @@ def _meshes(root: ET.Element, folder: Path, notes: Notes) -> None:
         lengths.append(float(np.sqrt(abs(_moment(link)) / mass)) if mass > 0.0 else 0.0)
     usual = max((length for length in lengths if 0.0 < length < LARGE), default=0.0)
     long = {}
-    for _, shape, mesh in found:
-        alone = ET.Element("link")
-        alone.append(shape)
-        points = link_points(alone, folder, shape.tag)
+    for _, shape, mesh in meshes:
+        holder = ET.Element("link")
+        holder.append(shape)
+        points = link_points(holder, folder, shape.tag)
         long[mesh] = float(np.ptp(points, axis=0).max()) if len(points) else 0.0
     largest = max(long.values(), default=0.0)
-    if not (usual > 0.0 and largest > max(LARGE, BEYOND * usual)):
+    if not (usual > 0.0 and largest > max(LARGE, MESH_RATIO * usual)):
         return
-    for link, _, mesh in found:
+    for link, _, mesh in meshes:
         if long[mesh] > 3.0 * usual:
-            scale = [float(word) for word in mesh.get("scale", "1 1 1").split()]
+            scale = [float(number) for number in mesh.get("scale", "1 1 1").split()]
             mesh.set("scale", " ".join(f"{MILLI * value:.9g}" for value in scale))
             notes.add(
                 f"meshes are taken to be in mm (scale {MILLI:g}), as they are up to "
@@ -215,9 +215,9 @@ def _masses(sizes: list[Size], suspects: Notes) -> bool:
     total = sum(size.mass for size in sizes)
     if boxed:
         dense = float(np.median([size.mass / size.box.prod() for size in boxed]))
-        worst = max(boxed, key=lambda size: size.mass)
-        length, limit = float(np.linalg.norm(worst.box)), DENSE
-        what = f"{worst.name} weighs {worst.mass:.4g} kg at a length of {length:.2g} m"
+        heaviest = max(boxed, key=lambda size: size.mass)
+        length, limit = float(np.linalg.norm(heaviest.box)), DENSE
+        what = f"{heaviest.name} weighs {heaviest.mass:.4g} kg at a length of {length:.2g} m"
     else:
         length = max((size.joints for size in sizes), default=0.0)
         dense, limit = (total / length**3 if length > 0.0 else 0.0), BULKY
@@ -236,10 +236,10 @@ def _inertias(sizes: list[Size], notes: Notes, suspects: Notes) -> None:
         notes: Collects findings of single links.
         suspects: Collects another unit of all inertias.
     """
-    whole = [size for size in sizes if size.diagonal > 0.0 and size.moment > 0.0]
-    ratio = {s.name: s.moment / (s.mass * s.diagonal**2 / 4.0) for s in whole}
-    repeated = Counter(size.written for size in whole if size.written == size.written)
-    for size in whole:
+    usable = [size for size in sizes if size.diagonal > 0.0 and size.moment > 0.0]
+    ratio = {s.name: s.moment / (s.mass * s.diagonal**2 / 4.0) for s in usable}
+    repeated = Counter(size.written for size in usable if size.written == size.written)
+    for size in usable:
         filler = size.written == 1.0 or repeated[size.written] >= FILLERS
         if filler and ratio[size.name] > IMPOSSIBLE:
             text = f"an inertia of {size.written:g} kg·m² about each axis fills a gap of the file"

@@ -71,7 +71,7 @@ def _merge(root: ET.Element, notes: Notes) -> None:
     above = {_child(j): j for j in root.findall("joint") if j.find("parent") is not None}
     if len(links) != len(root.findall("link")) or len(above) != len(root.findall("joint")):
         return  # invalid names or parents, which the check of the URDF refuses
-    dust, body, beyond = DUST * robot_mass(root), dict.fromkeys(links, 0.0), {}
+    dust, body, moved_mass = DUST * robot_mass(root), dict.fromkeys(links, 0.0), {}
     for name, link in links.items():
         mass, fixed, at = mass_of(link), True, name
         if mass < 0.0:
@@ -80,7 +80,7 @@ def _merge(root: ET.Element, notes: Notes) -> None:
         passed = {at}
         while at in above:
             joint, parent = above[at], above[at].find("parent").get("link")
-            beyond[at] = beyond.get(at, 0.0) + mass
+            moved_mass[at] = moved_mass.get(at, 0.0) + mass
             fixed &= joint.get("type") not in MOVING
             if parent in passed or parent not in links:
                 return
@@ -91,8 +91,8 @@ def _merge(root: ET.Element, notes: Notes) -> None:
     for name, joint in above.items():
         if joint.get("type") not in MOVING or name not in links or not dust > 0.0:
             continue
-        what = "nothing" if beyond[name] == 0.0 else "dust"
-        if beyond[name] <= dust:
+        what = "nothing" if moved_mass[name] == 0.0 else "dust"
+        if moved_mass[name] <= dust:
             joint.set("type", "fixed")
             for extra in [*joint.findall("mimic"), *joint.findall("limit")]:
                 joint.remove(extra)
@@ -108,18 +108,18 @@ def _frames(root: ET.Element, notes: Notes) -> None:
     Links at the ends are removed first, then their parents.
     """
     links = {link.get("name") or "": link for link in root.findall("link")}
-    gone = True
-    while len(links) > MOST_LINKS and gone:
+    removable = True
+    while len(links) > MOST_LINKS and removable:
         joints = root.findall("joint")
         carrying = {j.find("parent").get("link") for j in joints if j.find("parent") is not None}
-        gone = [
+        removable = [
             (name, joint)
             for joint in joints
             if joint.get("type") == "fixed" and (name := _child(joint) or "") in links
             and name not in carrying and mass_of(links[name]) == 0.0
             and links[name].find("collision") is None and links[name].find("visual") is None
         ]  # fmt: skip
-        for name, joint in gone:
+        for name, joint in removable:
             root.remove(joint)
             root.remove(links.pop(name))
             notes.add(f"frames are left out, as PyBullet takes {MOST_LINKS} links", name)

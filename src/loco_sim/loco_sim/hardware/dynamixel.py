@@ -111,20 +111,20 @@ class ServoRobot:
     def __init__(self, wiring: Wiring, robot: Robot, clock: Callable[[], float] = time.monotonic):
         self.robot, self._bus, self._clock = robot, wiring.bus, clock
         self._ids = [s.id for s in wiring.servos]
-        self._sign, self._zero, most, unit, per_ampere = np.array(
+        self._sign, self._zero, max_current, unit, per_ampere = np.array(
             [
                 (s.sign, s.zero, s.current, s.current_unit, s.torque_per_ampere)
                 for s in wiring.servos
             ]
         ).T
         self._torque_unit = self._sign * unit * per_ampere  # torque of one count of current [N·m]
-        most = np.minimum(most, np.array(robot.effort) / per_ampere)
-        self._max_tries = np.maximum(np.floor(most / unit), 1.0)  # counts of current
+        max_current = np.minimum(max_current, np.array(robot.effort) / per_ampere)
+        self._max_tries = np.maximum(np.floor(max_current / unit), 1.0)  # counts of current
         self._pure = np.array([isinstance(robot.drives[j], TorqueDrive) for j in robot.joints])
         self.rejected = self.lost = self.clipped = 0
         self.fault, self._failed, self._on = "", "", False
         self._watchdog = max(1, int(self._bus.watchdog / p.WATCHDOG_UNIT))  # counts
-        self._heard = np.zeros(len(self._ids))  # time of the last answer of each servo [s]
+        self._last_answer = np.zeros(len(self._ids))  # time of the last answer of each servo [s]
         self._missed = np.ones(len(self._ids), dtype=int)
         self._counts = np.zeros((3, len(self._ids)))  # current, velocity, position
         self._handler = PacketHandler(2.0)
@@ -169,10 +169,10 @@ class ServoRobot:
             first = self._ids[int(np.argmax(self._missed))]
             raise GraphError(f"{self._name(first)} takes settings but cannot be read")
 
-    def _set(self, servo: int, register: Register, value: int, patience: float = _TRY) -> None:
-        """Write a register and wait for the acknowledgement, at most `patience` [s]."""
+    def _set(self, servo: int, register: Register, value: int, timeout: float = _TRY) -> None:
+        """Write a register and wait for the acknowledgement, at most `timeout` [s]."""
         write = getattr(self._handler, f"write{register.size}ByteTxRx")
-        end = self._clock() + patience
+        end = self._clock() + timeout
         while True:
             result, error = write(self._port, servo, register.address, value)
             if result == COMM_SUCCESS and not error & ~p.ALERT:
@@ -203,13 +203,13 @@ class ServoRobot:
             The state; forces and attitude are those of a fixed base at rest.
         """
         self.fault, self._failed = self._failed, ""
-        began, answers = self._clock(), self._answers()
+        began, responses = self._clock(), self._responses()
         for i, servo in enumerate(self._ids):
-            self._missed[i] = 0 if servo in answers else self._missed[i] + 1
-            if servo in answers:
+            self._missed[i] = 0 if servo in responses else self._missed[i] + 1
+            if servo in responses:
                 self._on = self._on and not self._expired(i)
-                self._heard[i] = began
-                self._take(i, *answers[servo])
+                self._last_answer[i] = began
+                self._take(i, *responses[servo])
             else:
                 self.lost += 1
                 if self._missed[i] >= self._bus.missing:
@@ -220,22 +220,22 @@ class ServoRobot:
         rest = np.zeros(3), np.array([0.0, 0.0, GRAVITY]), np.zeros(feet, dtype=bool)
         return RobotState(tick, t, q, dq, tau, np.zeros((feet, 3)), _LEVEL, *rest)
 
-    def _answers(self) -> dict[int, tuple[bytes, int]]:
+    def _responses(self) -> dict[int, tuple[bytes, int]]:
         """Data and error by servo number of all that answer one sync read, in any order."""
-        size, answers = p.PRESENT.size, {}
+        size, responses = p.PRESENT.size, {}
         self._handler.syncReadTx(self._port, *p.PRESENT, self._ids, len(self._ids), False)
-        while len(answers) < len(self._ids):
+        while len(responses) < len(self._ids):
             packet, result = self._handler.rxPacket(self._port, False)
             data = bytes(packet[PKT_PARAMETER0 + 1 :][:size])
             if result == COMM_SUCCESS and len(data) == size:
-                answers[packet[PKT_ID]] = data, packet[PKT_ERROR]
+                responses[packet[PKT_ID]] = data, packet[PKT_ERROR]
             elif self._port.isPacketTimeout():
                 break
-        return answers
+        return responses
 
     def _expired(self, i: int) -> bool:
         """Whether the watchdog of a servo may have expired, so that it ignores goals."""
-        return bool(self._clock() - self._heard[i] > self._watchdog * p.WATCHDOG_UNIT)
+        return bool(self._clock() - self._last_answer[i] > self._watchdog * p.WATCHDOG_UNIT)
 
     def _take(self, i: int, data: bytes, error: int) -> None:
         """Store the answer of one servo."""
@@ -251,8 +251,8 @@ class ServoRobot:
 
     def _alarm(self, servo: int) -> str:
         value, result, _ = self._handler.read1ByteTxRx(self._port, servo, p.HARDWARE_ERROR.address)
-        known = [text for bit, text in p.ERRORS.items() if value & bit]
-        return " and ".join(known) if result == COMM_SUCCESS and known else "a hardware error"
+        errors = [text for bit, text in p.ERRORS.items() if value & bit]
+        return " and ".join(errors) if result == COMM_SUCCESS and errors else "a hardware error"
 
     def drive(self, q: np.ndarray, tau: np.ndarray | None = None) -> None:
         """Send angles, and torques to torque drives; enables the torque.
@@ -277,9 +277,9 @@ class ServoRobot:
     def _enable(self) -> None:
         """Torque on, at rest; clears expired watchdogs."""
         try:
-            for servo, most, pure in zip(self._ids, self._max_tries, self._pure, strict=True):
+            for servo, max_counts, pure in zip(self._ids, self._max_tries, self._pure, strict=True):
                 self._set(servo, p.BUS_WATCHDOG, 0)
-                self._set(servo, p.GOAL_CURRENT, 0 if pure else int(most))
+                self._set(servo, p.GOAL_CURRENT, 0 if pure else int(max_counts))
                 self._set(servo, p.TORQUE_ENABLE, 1)
                 began = self._clock()
                 self._set(servo, p.BUS_WATCHDOG, self._watchdog)
@@ -287,7 +287,7 @@ class ServoRobot:
             self.limp()
             self.fault = self._failed = str(error)
         else:
-            self._on, self._heard[:] = True, began  # a packet reaches every servo
+            self._on, self._last_answer[:] = True, began  # a packet reaches every servo
 
     def limp(self) -> None:
         """Torque off; sent at every call, since it is not acknowledged."""
@@ -296,11 +296,11 @@ class ServoRobot:
 
     def _send(self, register: Register, values: np.ndarray, which: np.ndarray) -> None:
         """Sync write of values to some servos."""
-        told: list[int] = []
+        payload: list[int] = []
         for servo, value in zip(np.array(self._ids)[which], values[which], strict=True):
-            told += [int(servo), *int(value).to_bytes(register.size, "little", signed=True)]
-        if told:
-            self._handler.syncWriteTxOnly(self._port, *register, told, len(told))
+            payload += [int(servo), *int(value).to_bytes(register.size, "little", signed=True)]
+        if payload:
+            self._handler.syncWriteTxOnly(self._port, *register, payload, len(payload))
 
     def close(self) -> None:
         """Torque off, then free the port; calling again does nothing."""

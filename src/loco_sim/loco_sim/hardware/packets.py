@@ -14,7 +14,7 @@ READ, WRITE, STATUS, SYNC_READ, SYNC_WRITE = 0x02, 0x03, 0x55, 0x82, 0x83
 BROADCAST = 0xFE
 ALERT = 0x80  # bit of the error byte of a status packet: hardware error
 BAD_CRC, BAD_RANGE, BAD_ACCESS = 0x03, 0x04, 0x07  # errors of an instruction
-_LEAST, _MOST = 3, 1024  # smallest length (instruction and CRC); largest packet [bytes]
+_MIN_LENGTH, _MAX_LENGTH = 3, 1024  # smallest length (instruction and CRC); largest packet [bytes]
 
 
 class Register(NamedTuple):
@@ -53,7 +53,7 @@ class Packet(NamedTuple):
     id: int
     instruction: int
     parameters: bytes
-    whole: bool = True  # whether the CRC is correct
+    is_valid: bool = True  # whether the CRC is correct
 
 
 def crc16(data: bytes) -> int:
@@ -90,20 +90,20 @@ class Parser:
 
     def _next(self) -> Packet | None:
         while True:
-            begin = self._bytes.find(HEADER)
-            if begin < 0:  # the end may be the beginning of a header
+            start = self._bytes.find(HEADER)
+            if start < 0:  # the end may be the beginning of a header
                 self._bytes = self._bytes[-3:]
                 return None
-            self._bytes = self._bytes[begin:]
+            self._bytes = self._bytes[start:]
             if len(self._bytes) < 7:
                 return None
             length = int.from_bytes(self._bytes[5:7], "little")
-            if _LEAST <= length <= _MOST:
+            if _MIN_LENGTH <= length <= _MAX_LENGTH:
                 break
             self._bytes = self._bytes[4:]
         if len(self._bytes) < 7 + length:
             return None
         packet, self._bytes = self._bytes[: 7 + length], self._bytes[7 + length :]
         body = packet[7:-2].replace(b"\xff\xff\xfd\xfd", b"\xff\xff\xfd")
-        whole = crc16(packet[:-2]) == int.from_bytes(packet[-2:], "little")
-        return Packet(packet[4], body[0], body[1:], whole)
+        is_valid = crc16(packet[:-2]) == int.from_bytes(packet[-2:], "little")
+        return Packet(packet[4], body[0], body[1:], is_valid)

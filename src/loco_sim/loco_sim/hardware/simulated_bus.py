@@ -42,7 +42,7 @@ class _Servo:
     """Memory of one servo."""
 
     def __init__(self, wired: JointServo):
-        self.wired, self.memory, self.silent = wired, bytearray(_MEMORY), False
+        self.wired, self.memory, self.muted = wired, bytearray(_MEMORY), False
         self.put(p.OPERATING_MODE, 3)
         self.put(p.PRESENT_TEMPERATURE, _WARM)
 
@@ -124,14 +124,14 @@ class SimulatedBus:
         self._sense()
         self._parser, self._rng = p.Parser(), np.random.default_rng(seed)
         self.lost = self.garbled = 0.0
-        self.time = self._heard = 0.0
+        self.time = self._packet_at = 0.0
         self._master, self._slave = pty.openpty()
         tty.setraw(self._slave)
         self.port = os.ttyname(self._slave)
 
-    def silence(self, servo: int, silent: bool = True) -> None:
+    def silence(self, servo: int, muted: bool = True) -> None:
         """Disconnect a servo, so that it has no answers and no torque, or connect it again."""
-        self._servos[servo].silent = silent
+        self._servos[servo].muted = muted
         self._servos[servo].put(p.TORQUE_ENABLE, 0)
 
     def overheat(self, servo: int) -> None:
@@ -151,17 +151,17 @@ class SimulatedBus:
         """True joint positions [rad], (n,)."""
         return self._sim.true_q
 
-    def serve(self, ended: Callable[[], bool]) -> None:
-        """Answer and simulate in real time until `ended` returns True.
+    def serve(self, is_done: Callable[[], bool]) -> None:
+        """Answer and simulate in real time until `is_done` returns True.
 
         Args:
-            ended: Function called every few milliseconds.
+            is_done: Function called every few milliseconds.
         """
         zero = time.monotonic() - self.time  # wall time at bus time 0 [s]
-        while not ended():
-            behind = time.monotonic() - zero - self.time
-            zero += max(0.0, behind - _LAG)
-            if select.select([self._master], [], [], max(0.0, _CHECK_PERIOD - behind))[0]:
+        while not is_done():
+            lag = time.monotonic() - zero - self.time
+            zero += max(0.0, lag - _LAG)
+            if select.select([self._master], [], [], max(0.0, _CHECK_PERIOD - lag))[0]:
                 for packet in self._parser.feed(os.read(self._master, 4096)):
                     os.write(self._master, self._answer(packet))
             self.time += min(time.monotonic() - zero - self.time, _CHECK_PERIOD)
@@ -180,13 +180,13 @@ class SimulatedBus:
     def _step(self) -> None:
         servos = self._servos.values()
         on = np.array([bool(s.get(p.TORQUE_ENABLE)) for s in servos])
-        asked = np.array([s.torque for s in servos])
-        self._sim.limit(on * np.minimum(self._effort, np.where(self._pure, np.inf, np.abs(asked))))
+        tau = np.array([s.torque for s in servos])
+        self._sim.limit(on * np.minimum(self._effort, np.where(self._pure, np.inf, np.abs(tau))))
         goal = np.array([s.goal for s in servos])
-        now = self._state.tick, self._state.t
-        command = MotionCommand(*now, goal, 0.0 * goal)
+        stamp = self._state.tick, self._state.t
+        command = MotionCommand(*stamp, goal, 0.0 * goal)
         feet = np.ones(len(self._sim.robot.feet), dtype=bool)
-        trunk = TrunkTorque(*now, self._pure * on * asked, np.zeros(6), feet)
+        trunk = TrunkTorque(*stamp, self._pure * on * tau, np.zeros(6), feet)
         self._state = self._sim.step(command, trunk)
         self._sense()
 
@@ -197,25 +197,25 @@ class SimulatedBus:
 
     def _watch(self) -> None:
         for servo in self._servos.values():
-            patience = servo.get(p.BUS_WATCHDOG)
-            if 0 < patience < p.EXPIRED and self.time - self._heard > patience * p.WATCHDOG_UNIT:
+            timeout = servo.get(p.BUS_WATCHDOG)
+            if 0 < timeout < p.EXPIRED and self.time - self._packet_at > timeout * p.WATCHDOG_UNIT:
                 servo.bark()
 
     # ---- the protocol
 
     def _answer(self, packet: Packet) -> bytes:
         """Bytes of the answers of all servos to one packet."""
-        if not packet.whole or self._rng.random() < self.lost:
+        if not packet.is_valid or self._rng.random() < self.lost:
             return b""
-        self._heard = self.time
-        answers = []
+        self._packet_at = self.time
+        responses = []
         for answer in self._execute(packet):
             if self._rng.random() < self.lost:
                 continue
             if self._rng.random() < self.garbled:
                 answer = answer[:-3] + bytes([answer[-3] ^ 0x10]) + answer[-2:]
-            answers.append(answer)
-        return b"".join(answers)
+            responses.append(answer)
+        return b"".join(responses)
 
     def _execute(self, packet: Packet) -> list[bytes]:
         data, kind = packet.parameters, packet.instruction
@@ -239,7 +239,7 @@ class SimulatedBus:
         return []
 
     def _responds(self, number: int) -> bool:
-        return number in self._servos and not self._servos[number].silent
+        return number in self._servos and not self._servos[number].muted
 
     def _read(self, number: int, address: int, size: int) -> bytes:
         servo = self._servos[number]

@@ -102,12 +102,12 @@ def load(path: str | Path, robot: Robot, port: str = "") -> Wiring:
 
 
 def _suits(robot: Robot) -> None:
-    bare = [j for j in robot.joints if j not in robot.drives]
+    undriven = [j for j in robot.joints if j not in robot.drives]
     soft = [j for j in robot.joints if isinstance(robot.drives.get(j), ImpedanceDrive)]
     if not robot.fixed_base:
         reason = "its base moves, and servos measure no attitude: an IMU has to be read too"
-    elif bare:
-        reason = f"{bare[0]} has no drive, so no servo measures it"
+    elif undriven:
+        reason = f"{undriven[0]} has no drive, so no servo measures it"
     elif soft:
         reason = f"{soft[0]} is an impedance drive; servos take angles or torques"
     else:

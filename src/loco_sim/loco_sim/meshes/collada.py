@@ -26,18 +26,18 @@ _LINES = ("lines", "linestrips")  # have no faces
 _COUNTS = {"matrix": 16, "translate": 3, "rotate": 4, "scale": 3}
 
 
-def read(data: bytes, path: Path, most: int) -> Shape:
+def read(data: bytes, path: Path, max_triangles: int) -> Shape:
     """All triangles of the scene [m].
 
     Args:
         data: Contents of the file.
         path: Name of the file, for messages.
-        most: Largest number of triangles.
+        max_triangles: Largest number of triangles.
 
     Raises:
         ParameterError: The file is not COLLADA, has a broken reference, or exceeds a limit.
     """
-    file = _File(_parse(data, path), path, most)
+    file = _File(_parse(data, path), path, max_triangles)
     for scene in file.all("scene/instance_visual_scene"):
         file.show(file.named(scene.get("url")), np.eye(4), 0)
     corners = np.concatenate([np.zeros((0, 3)), *file.corners])
@@ -83,8 +83,8 @@ class _File:
         faces: Triangles of each geometry, as indices into all corners, each (f, 3).
     """
 
-    def __init__(self, root: ET.Element, path: Path, most: int):
-        self._root, self._path, self._most = root, path, most
+    def __init__(self, root: ET.Element, path: Path, max_triangles: int):
+        self._root, self._path, self._limit = root, path, max_triangles
         self._named = {e.get("id"): e for e in root.iter() if e.get("id")}
         self._geometries: dict[str, tuple[np.ndarray, np.ndarray]] = {}
         self._arrays: dict[ET.Element, np.ndarray] = {}
@@ -140,8 +140,8 @@ class _File:
         self.faces.append(faces + self._corner_count)
         self._corner_count += len(corners)
         self._face_count += len(faces)
-        if max(self._face_count, self._corner_count / 3) > self._most:
-            raise self._wrong(f"its scene has more than {self._most} triangles; simplify it")
+        if max(self._face_count, self._corner_count / 3) > self._limit:
+            raise self._wrong(f"its scene has more than {self._limit} triangles; simplify it")
 
     def _transform(self, element: ET.Element) -> np.ndarray:
         values = self._numbers(element)
@@ -179,7 +179,7 @@ class _File:
         if element.tag not in ("triangles", "polylist", "polygons"):
             raise self._wrong(f"<{element.tag}> is not read; export it with triangles")
         inputs = element.findall("input")
-        offsets = [self._whole(i.get("offset", "0"), 64) for i in inputs]
+        offsets = [self._integer(i.get("offset", "0"), 64) for i in inputs]
         at = [o for i, o in zip(inputs, offsets, strict=True) if i.get("semantic") == "VERTEX"]
         if not at:
             raise self._wrong(f"<{element.tag}> has no VERTEX")
@@ -211,8 +211,8 @@ class _File:
             lengths = sizes.astype(int)
         if np.any(lengths < 3) or lengths.sum() != len(corners):
             raise self._wrong(f"the faces of <{element.tag}> are not those of its corners")
-        if (lengths - 2).sum() > self._most:
-            raise self._wrong(f"it has more than {self._most} triangles; simplify it")
+        if (lengths - 2).sum() > self._limit:
+            raise self._wrong(f"it has more than {self._limit} triangles; simplify it")
         starts = np.cumsum(lengths) - lengths
         for length in np.unique(lengths):
             yield corners[starts[lengths == length][:, None] + np.arange(length)]
@@ -227,7 +227,7 @@ class _File:
         if array is None:
             raise self._wrong("a geometry has no <float_array> of corners")
         accessor = vertices.find("technique_common/accessor")
-        stride = 3 if accessor is None else self._whole(accessor.get("stride", "3"), 64)
+        stride = 3 if accessor is None else self._integer(accessor.get("stride", "3"), 64)
         if array not in self._arrays:  # cached: many face lists may reference one source
             self._arrays[array] = self._numbers(array)
         values = self._arrays[array]
@@ -239,16 +239,16 @@ class _File:
         tokens = (element.text or "").split()
         return np.fromiter((self._number(token) for token in tokens), float, len(tokens))
 
-    def _number(self, word: str) -> float:
+    def _number(self, token: str) -> float:
         try:
-            return float(word)
+            return float(token)
         except ValueError:
-            raise self._wrong(f"{shown(word)} is no number") from None
+            raise self._wrong(f"{shown(token)} is no number") from None
 
-    def _whole(self, word: str, most: int) -> int:
-        value = self._number(word)
-        if not 0 <= value <= most or value != int(value):
-            raise self._wrong(f"{shown(word)} is no whole number of 0 to {most}")
+    def _integer(self, token: str, maximum: int) -> int:
+        value = self._number(token)
+        if not 0 <= value <= maximum or value != int(value):
+            raise self._wrong(f"{shown(token)} is no whole number of 0 to {maximum}")
         return int(value)
 
     def _wrong(self, reason: str) -> ParameterError:

@@ -228,22 +228,22 @@ def _wavefront(data: bytes, path: Path) -> collada.Shape:
     return np.reshape(corners, (-1, 3)), np.reshape(faces, (-1, 3)).astype(int), np.array(groups)
 
 
-def _index(word: bytes, count: int, path: Path) -> int:
+def _index(token: bytes, count: int, path: Path) -> int:
     """Index of a corner from 0; OBJ counts from 1, or backwards from the last corner."""
     try:
-        number = int(word.partition(b"/")[0])
+        number = int(token.partition(b"/")[0])
     except ValueError:
         number = 0
     if number == 0 or not -count <= number < 2**31:
-        raise ParameterError(f"the mesh {path}: a face names corner {shown(word)} of {count}")
+        raise ParameterError(f"the mesh {path}: a face names corner {shown(token)} of {count}")
     return number - 1 if number > 0 else count + number
 
 
-def _number(word: bytes, path: Path) -> float:
+def _number(token: bytes, path: Path) -> float:
     try:
-        return float(word)
+        return float(token)
     except ValueError:
-        raise ParameterError(f"the mesh {path}: {shown(word)} is no number") from None
+        raise ParameterError(f"the mesh {path}: {shown(token)} is no number") from None
 
 
 READERS: dict[str, Callable[[bytes, Path], collada.Shape]] = {

@@ -34,8 +34,8 @@ def revolved(
 
 def cylinder(radius: float, length: float, sections: int = SECTIONS) -> np.ndarray:
     """Triangles of a closed cylinder along z, (t, 3, 3); radius and length [m]."""
-    half = 0.5 * length
-    radii, heights = np.array([0.0, radius, radius, 0.0]), np.array([-half, -half, half, half])
+    top = 0.5 * length
+    radii, heights = np.array([0.0, radius, radius, 0.0]), np.array([-top, -top, top, top])
     return revolved(radii, heights, sections)
 
 

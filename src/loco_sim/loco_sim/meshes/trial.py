@@ -29,7 +29,7 @@ from ..world import world
 SECONDS = 60  # processor time of all meshes of a robot [s]
 MEMORY = 8 * 2**30  # memory limit of the child [bytes]
 STEPS = 3  # physics steps, on the ground
-TRIED = "LOCO_MESHES_TRIED"  # environment variable, so that workers do not repeat the trial
+VARIABLE = "LOCO_MESHES_TRIED"  # environment variable, so that workers do not repeat the trial
 _COMMAND = ("-m", "loco_sim.meshes.trial")
 _LINE = "mesh trial "
 _URDF = """<robot name="trial"><link name="base"/><link name="part"><inertial><mass value="1"/>
@@ -53,10 +53,10 @@ def check(robot: robots.Robot, engine: str) -> None:
         return
     dates = [Path(path).stat().st_mtime_ns for path, _ in parts]
     key = hashlib.sha256(json.dumps([engine, parts, dates]).encode()).hexdigest()[:16]
-    passed = os.environ.get(TRIED, "")
+    passed = os.environ.get(VARIABLE, "")
     if key not in passed.split():
         _try(engine, parts)
-        os.environ[TRIED] = f"{passed} {key}"
+        os.environ[VARIABLE] = f"{passed} {key}"
 
 
 def _meshes(robot: robots.Robot) -> list[tuple[str, str]]:
@@ -97,11 +97,11 @@ def main() -> None:
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
     engine, parts = json.loads(sys.argv[1])
     for path, scale in parts:
-        _say(path=path)
+        _report(path=path)
         try:
             load(engine, path, scale)
         except LocoError as error:
-            _say(path=path, error=str(error))
+            _report(path=path, error=str(error))
             return
 
 
@@ -125,7 +125,7 @@ def load(engine: str, path: str, scale: str) -> None:
         simulator.close()
 
 
-def _say(**values: str) -> None:
+def _report(**values: str) -> None:
     sys.stdout.write(f"\n{_LINE}{json.dumps(values)}\n")
     sys.stdout.flush()
 

@@ -34,7 +34,7 @@ REST, DAMPING, HARDENING = range(3)
 OMEGA, NOISE, TURN_SINE, TURN_COSINE = range(4)
 # `scales` and `choices`: numbers for all networks.
 STEP, GRAVITY, DRAG, JOLT_RATE, JOLT_SIZE = range(5)
-NODES, THREE, ALONG, AUTHOR, GROUND, GIVEN, NOISY, JOLT_HOLD = range(8)
+NODES, THREE, ALONG, AUTHOR, GROUND, PRESCRIBED, NOISE_ON, JOLT_HOLD = range(8)
 NO_GROUND, STICK, AUTHOR_GROUND = range(3)
 
 EXACT_EVERY = 512  # steps between exact sines; in between a rotation recurrence, accurate to 1e-13
@@ -93,9 +93,9 @@ def exact_sines(t, links, network):
 
 
 @inner
-def driven(e, count, rest_length, turning, choices, links, network, words):
+def driven(e, count, rest_length, turning, choices, links, network, rng):
     """Driven length of a link [m], eq. 4.7, with amplitude noise."""
-    if choices[GIVEN]:
+    if choices[PRESCRIBED]:
         return get(links, FACTOR * count + e) * rest_length
     sine = get(links, SINE * count + e)
     if turning:  # advance the phase to this step by the addition theorem
@@ -105,20 +105,20 @@ def driven(e, count, rest_length, turning, choices, links, network, words):
         sine = fma(sine, by_cosine, cosine * by_sine)
         put(links, SINE * count + e, sine)
     swing = get(links, SWING * count + e)
-    if choices[NOISY]:
-        bits = next_word(get(words, e))
-        put(words, e, bits)
+    if choices[NOISE_ON]:
+        bits = next_word(get(rng, e))
+        put(rng, e, bits)
         swing = fma(get(network, NOISE) * rest_length, bell(bits), swing)
     return fma(swing, sine, rest_length)
 
 
 @inner
-def tension(e, square, closing, turning, shape, choices, links, network, words):
+def tension(e, square, closing, turning, shape, choices, links, network, rng):
     """Tension of a link per length [N/m]: spring of eq. 4.3 and damper of eq. 4.4."""
     count = links.shape[0] // 6
     inverse = inverse_length(square)
     rest_length = get(shape, REST * count + e)
-    target_length = driven(e, count, rest_length, turning, choices, links, network, words)
+    target_length = driven(e, count, rest_length, turning, choices, links, network, rng)
     stretch = square * inverse - target_length
     hardening = fma(stretch * get(shape, HARDENING * count + e), stretch, 1.0)
     pull = get(links, STIFFNESS * count + e) * stretch * hardening * inverse
@@ -129,7 +129,7 @@ def tension(e, square, closing, turning, shape, choices, links, network, words):
 
 
 @inner
-def block_forces(first, other, turning, shape, choices, state, links, network, words):
+def block_forces(first, other, turning, shape, choices, state, links, network, rng):
     """Forces of all links on the nodes of a block of networks.
 
     Nodes from last to first and links by their far ends, in the same order as `single_forces`.
@@ -151,7 +151,7 @@ def block_forces(first, other, turning, shape, choices, state, links, network, w
             if three:
                 dy, dv = get(state, side + j) - y0, get(state, u + side + j) - v0
                 square, closing = fma(dy, dy, square), fma(dv, dy, closing)
-            pull = tension(e, square, closing, turning, shape, choices, links, network, words)
+            pull = tension(e, square, closing, turning, shape, choices, links, network, rng)
             gx, gz, gy = pull * dx, pull * dz, pull * dy
             if not along:
                 damping = get(shape, DAMPING * count + e)
@@ -169,7 +169,7 @@ def block_forces(first, other, turning, shape, choices, state, links, network, w
 
 
 @inner
-def single_forces(near, far, turning, shape, choices, state, links, network, words):
+def single_forces(tail, head, turning, shape, choices, state, links, network, rng):
     """Forces of all links on the nodes of one network, run by run.
 
     Run e joins nodes near[e], near[e] + 1, … to far[e], far[e] + 1, …; links missing to
@@ -181,7 +181,7 @@ def single_forces(near, far, turning, shape, choices, state, links, network, wor
     up, f, r, u = size - side, F * size, R * size, U * size
     three, along = choices[THREE], choices[ALONG]
     for e in range(count):
-        i, j = get(near, e), get(far, e)
+        i, j = get(tail, e), get(head, e)
         dx, dz = span(values, j) - span(values, i), span(values, up + j) - span(values, up + i)
         du = span(values, u + j) - span(values, u + i)
         dw = span(values, u + up + j) - span(values, u + up + i)
@@ -192,7 +192,7 @@ def single_forces(near, far, turning, shape, choices, state, links, network, wor
             dy = span(values, side + j) - span(values, side + i)
             dv = span(values, u + side + j) - span(values, u + side + i)
             square, closing = fma(dy, dy, square), fma(dv, dy, closing)
-        pull = tension(e, square, closing, turning, shape, choices, links, network, words)
+        pull = tension(e, square, closing, turning, shape, choices, links, network, rng)
         gx, gz, gy = pull * dx, pull * dz, pull * dy
         if not along:
             damping = get(shape, DAMPING * count + e)
@@ -207,18 +207,18 @@ def single_forces(near, far, turning, shape, choices, state, links, network, wor
 
 
 @inner
-def jolt(masses, scales, choices, state, words, running, push):
+def jolt(masses, scales, choices, state, rng, running, push):
     """Impulse noise: random pushes on single nodes, drawn for each network.
 
     A push begins in a step with probability `JOLT_RATE` and lasts `JOLT_HOLD` steps; its
     components are uniform within ± `JOLT_SIZE` times the mean absolute acceleration then.
     """
-    width, dimension = words.size, 3 if choices[THREE] else 2
+    width, dimension = rng.size, 3 if choices[THREE] else 2
     nodes, size = choices[NODES], state.size // 6
     values, mass = state.reshape(-1), masses.reshape(-1)
     stride = size // dimension  # rows of one axis, including padding
     for w in range(width):
-        bits = next_word(words[w])
+        bits = next_word(rng[w])
         if (bits >> np.uint64(11)) * 2.0**-53 < scales[JOLT_RATE]:
             mean = 0.0
             for d in range(dimension):
@@ -232,7 +232,7 @@ def jolt(masses, scales, choices, state, words, running, push):
                 bits = next_word(bits)
                 share = (bits >> np.uint64(11)) * 2.0**-52 - 1.0
                 push[d * width + w] = share * scales[JOLT_SIZE] * mean
-        words[w] = bits
+        rng[w] = bits
         if running[w] > 0:
             running[w] -= 1
             i = running[width + w]
@@ -253,27 +253,27 @@ def kick(masses, scales, state):
 
 
 @inner
-def forces(near, far, turning, shape, choices, state, links, network, words):
+def forces(tail, head, turning, shape, choices, state, links, network, rng):
     """Forces of all links of a single network, whose `shape` has lanes, or of a block."""
     if shape.ndim == 2:
-        single_forces(near, far, turning, shape, choices, state, links, network, words)
+        single_forces(tail, head, turning, shape, choices, state, links, network, rng)
     else:
-        block_forces(near, far, turning, shape, choices, state, links, network, words)
+        block_forces(tail, head, turning, shape, choices, state, links, network, rng)
 
 
 @outer
 def advance(
-    tick, steps, every, near, far, shape, masses, scales, choices,
-    state, links, network, words, jolt_words, running, push, samples,
+    tick, steps, every, tail, head, shape, masses, scales, choices,
+    state, links, network, rng, jolt_words, running, push, samples,
 ):  # fmt: skip
     """Run `steps` steps from step number `tick`; `samples` receives x, v, a each `every` steps."""
     rows = 3 * (state.shape[0] // 6)
     for k in range(tick + 1, tick + steps + 1):
         drift(masses, scales, choices, state)
         turning = k % EXACT_EVERY != 0
-        if not turning and not choices[GIVEN]:
+        if not turning and not choices[PRESCRIBED]:
             exact_sines(k * scales[STEP], links, network)
-        forces(near, far, turning, shape, choices, state, links, network, words)
+        forces(tail, head, turning, shape, choices, state, links, network, rng)
         if scales[JOLT_RATE] > 0.0:
             jolt(masses, scales, choices, state, jolt_words, running, push)
         kick(masses, scales, state)
@@ -285,19 +285,19 @@ def advance(
 
 @outer
 def advance_blocks(
-    begin, end, tick, steps, every, near, far, shape, masses, scales, choices,
-    state, links, network, words, jolt_words, running, push, samples,
+    first, end, tick, steps, every, tail, head, shape, masses, scales, choices,
+    state, links, network, rng, jolt_words, running, push, samples,
 ):  # fmt: skip
     """`advance` for the blocks begin … end - 1 of a population, in sequence."""
-    for b in range(begin, end):
+    for b in range(first, end):
         advance(
-            tick, steps, every, near, far, shape, masses, scales, choices, state[b],
-            links[b], network[b], words[b], jolt_words[b], running[b], push[b], samples[b],
+            tick, steps, every, tail, head, shape, masses, scales, choices, state[b],
+            links[b], network[b], rng[b], jolt_words[b], running[b], push[b], samples[b],
         )  # fmt: skip
 
 
 @outer
-def settle(near, far, shape, masses, scales, choices, state, links, network, words):
+def settle(tail, head, shape, masses, scales, choices, state, links, network, rng):
     """Initial acceleration; positions and velocities are not changed."""
     nodes, rows = masses.shape[0] // 2, state.shape[0] // 6
     for row in range(rows):
@@ -309,7 +309,7 @@ def settle(near, far, shape, masses, scales, choices, state, links, network, wor
         put(state, U * rows + row, speed)
         put(state, R * rows + row, none)
         put(state, F * rows + row, fma(-scales[DRAG], speed, weight))
-    forces(near, far, False, shape, choices, state, links, network, words)
+    forces(tail, head, False, shape, choices, state, links, network, rng)
     for row in range(rows):
         pull = get(state, F * rows + row) - get(state, R * rows + row)
         put(state, A * rows + row, pull * get(masses, nodes + row % nodes))

@@ -99,22 +99,22 @@ def _inverse_root(builder, x):
     return _call(builder, "fma", builder.fmul(y, h), third, y)
 
 
-def _next(builder, word):
+def _next(builder, bits):
     """Xorshift64 of Marsaglia (2003), shifts 13, 7, 17."""
     for shift, by in ((builder.shl, 13), (builder.lshr, 7), (builder.shl, 17)):
-        word = builder.xor(word, shift(word, _constant(word.type, by)))
-    return word
+        bits = builder.xor(bits, shift(bits, _constant(bits.type, by)))
+    return bits
 
 
-def _bell(builder, word):
+def _bell(builder, bits):
     """Sum of the eight bytes of a word, shifted and scaled to mean 0 and variance 1.
 
     Approximately normal, limited to ±4.9, with an excess kurtosis of -0.15.
     """
-    kind = word.type
+    kind = bits.type
     low = _constant(kind, 0x00FF00FF00FF00FF)
     pairs = builder.add(
-        builder.and_(word, low), builder.and_(builder.lshr(word, _constant(kind, 8)), low)
+        builder.and_(bits, low), builder.and_(builder.lshr(bits, _constant(kind, 8)), low)
     )
     pairs = builder.add(pairs, builder.lshr(pairs, _constant(kind, 32)))
     pairs = builder.add(pairs, builder.lshr(pairs, _constant(kind, 16)))
@@ -198,23 +198,23 @@ def where_negative(typing, x, yes, no):
 
 
 @intrinsic
-def next_word(typing, word):
+def next_word(typing, bits):
     """Next state of a random stream."""
 
     def code(context, builder, signature, values):
         return _next(builder, values[0])
 
-    return word(word), code
+    return bits(bits), code
 
 
 @intrinsic
-def bell(typing, word):
+def bell(typing, bits):
     """Approximately normal random number(s) of mean 0 and variance 1 from the state of a stream."""
 
     def code(context, builder, signature, values):
         return _bell(builder, values[0])
 
-    return (LANES if isinstance(word, BitsType) else types.float64)(word), code
+    return (LANES if isinstance(bits, BitsType) else types.float64)(bits), code
 
 
 def _pointer(context, builder, kind, array, first):

@@ -9,7 +9,7 @@ from .lanes import WIDTH
 from .network import Network
 
 
-class Alone:
+class Single:
     """Layout of one network: lanes are neighbouring nodes, and links between neighbours.
 
     Nodes are padded so that `WIDTH` of them can be read from any index.
@@ -19,8 +19,8 @@ class Alone:
         self.nodes, self.axes = network.nodes, network.dimension
         self.blocks = -(-(network.nodes + WIDTH - 1) // WIDTH)
         runs = _runs(network.links)
-        self.near = np.array([run[0][0] for run in runs], np.int64)
-        self.far = np.array([run[0][1] for run in runs], np.int64)
+        self.tail = np.array([run[0][0] for run in runs], np.int64)
+        self.head = np.array([run[0][1] for run in runs], np.int64)
         numbers = {tuple(link): i for i, link in enumerate(network.links)}
         self.slots = np.full((len(runs), WIDTH), -1)
         for row, run in zip(self.slots, runs, strict=True):
@@ -63,8 +63,8 @@ class Blocks:
     def __init__(self, network: Network, size: int):
         self.nodes, self.axes, self.size = network.nodes, network.dimension, size
         links = network.links
-        self.near = np.searchsorted(links[:, 0], np.arange(network.nodes + 1)).astype(np.int64)
-        self.far = np.array(links[:, 1], np.int64)
+        self.tail = np.searchsorted(links[:, 0], np.arange(network.nodes + 1)).astype(np.int64)
+        self.head = np.array(links[:, 1], np.int64)
         self.count = -(-size // WIDTH)
         self.who = np.minimum(np.arange(self.count * WIDTH), size - 1)
 

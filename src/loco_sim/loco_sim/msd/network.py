@@ -47,17 +47,17 @@ class Network:
             )
         links, order = _sorted_links(self.links, len(positions))
         length = np.linalg.norm(positions[links[:, 1]] - positions[links[:, 0]], axis=1)
-        _refuse("link", length <= 1e-9, length, "has no length [m]; its nodes must differ", links)
+        _require("link", length <= 1e-9, length, "has no length [m]; its nodes must differ", links)
         rest_lengths = length if self.rest is None else _each("rest", self.rest, len(links))[order]
-        _refuse(
+        _require(
             "rest length of link", rest_lengths <= 0.0, rest_lengths, "must be positive [m]", links
         )
         masses = _each("masses", self.masses, len(positions))
-        _refuse("mass of node", masses <= 0.0, masses, "must be positive [kg]")
+        _require("mass of node", masses <= 0.0, masses, "must be positive [kg]")
         stiffness = _each("stiffness", self.stiffness, len(links))[order]
-        _refuse("stiffness of link", stiffness < 0.0, stiffness, "must be 0 or more [N/m]", links)
+        _require("stiffness of link", stiffness < 0.0, stiffness, "must be 0 or more [N/m]", links)
         damping = _each("damping", self.damping, len(links))[order]
-        _refuse("damping of link", damping < 0.0, damping, "must be 0 or more [N·s/m]", links)
+        _require("damping of link", damping < 0.0, damping, "must be 0 or more [N·s/m]", links)
         _check_connected(links, len(positions))
         checked = {
             "positions": positions,
@@ -119,7 +119,7 @@ def _each(name: str, values: np.ndarray | float, count: int) -> np.ndarray:
     return values
 
 
-def _refuse(
+def _require(
     what: str, invalid: np.ndarray, values: np.ndarray, text: str, links: np.ndarray | None = None
 ) -> None:
     if invalid.any():

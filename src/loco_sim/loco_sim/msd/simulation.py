@@ -12,7 +12,7 @@ import numpy as np
 from loco_control.exceptions import DivergedError, ParameterError
 
 from . import integrator as kernel
-from .layout import Alone, Blocks
+from .layout import Blocks, Single
 from .network import Network
 from .params import MsdParams, NoiseParams
 from .stability import check_step
@@ -74,7 +74,7 @@ class MsdSimulation:
         shape = np.shape(drive.amplitude)
         self.size = shape[0] if len(shape) == 2 else None
         self._lead = () if self.size is None else (self.size,)
-        self._layout = Alone(network) if self.size is None else Blocks(network, self.size)
+        self._layout = Single(network) if self.size is None else Blocks(network, self.size)
         self._checked = np.full(network.count, -1.0)
         self._make_constants()
         self.replace(drive, seed)
@@ -117,7 +117,7 @@ class MsdSimulation:
         self._choices[kernel.ALONG] = p.damper == "along_link"
         self._choices[kernel.AUTHOR] = p.integrator == "author"
         self._choices[kernel.GROUND] = GROUNDS.index(p.ground)
-        self._choices[kernel.NOISY] = n.actuation > 0.0
+        self._choices[kernel.NOISE_ON] = n.actuation > 0.0
         self._choices[kernel.JOLT_HOLD] = n.impulse_steps
         shape = np.stack([network.rest, network.damping, p.nonlinearity / network.rest**2])
         self._shape = self._layout.shape(shape)
@@ -164,10 +164,10 @@ class MsdSimulation:
         if self.params.integrator == "author":
             return
         quiet = self._choices.copy()
-        quiet[[kernel.NOISY, kernel.GIVEN]] = False  # noise begins with the first step
+        quiet[[kernel.NOISE_ON, kernel.PRESCRIBED]] = False  # noise begins with the first step
         for block in range(len(self._state)) if self._lead else [...]:
             kernel.settle(
-                self._layout.near, self._layout.far, self._shape, self._masses, self._scales,
+                self._layout.tail, self._layout.head, self._shape, self._masses, self._scales,
                 quiet, self._state[block], self._links[block], self._network[block],
                 self._random_state[block],
             )  # fmt: skip
@@ -197,16 +197,16 @@ class MsdSimulation:
             rows = self._layout.links(np.asarray(factor, float)[..., None, :])
             first = kernel.FACTOR * rows.shape[-2]
             self._links[..., first : first + rows.shape[-2], :] = rows
-            self._choices[kernel.GIVEN] = True
+            self._choices[kernel.PRESCRIBED] = True
         self._advance(1, 0, np.zeros((*self._state.shape[:-2], 0, self._state.shape[-1])))
-        self._choices[kernel.GIVEN] = False
+        self._choices[kernel.PRESCRIBED] = False
         self._is_outdated = factor is not None
 
     def _advance(self, steps: int, every: int, samples: np.ndarray) -> None:
-        if self._is_outdated and not self._choices[kernel.GIVEN]:
+        if self._is_outdated and not self._choices[kernel.PRESCRIBED]:
             self._catch_up()
         rest = (
-            self.tick, steps, every, self._layout.near, self._layout.far, self._shape,
+            self.tick, steps, every, self._layout.tail, self._layout.head, self._shape,
             self._masses, self._scales, self._choices, self._state, self._links, self._network,
             self._random_state, self._jolts, self._running, self._push, samples,
         )  # fmt: skip

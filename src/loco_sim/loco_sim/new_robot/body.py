@@ -76,9 +76,9 @@ class Body:
         tensors = rows[:, trees.INERTIA : trees.INERTIA + 9].reshape(-1, 3, 3)
         self._inertia = np.concatenate([tensors, inertia[None]])
         self._path = [self._up(k) for k in range(n)]
-        self._carried = np.zeros((n + 1, n), dtype=bool)  # body k moves with joint j; base last
+        self._moved_by = np.zeros((n + 1, n), dtype=bool)  # body k moves with joint j; base last
         for k, path in enumerate(self._path):
-            self._carried[k, path] = True
+            self._moved_by[k, path] = True
 
     def _up(self, k: int) -> list[int]:
         path = [k]
@@ -94,7 +94,7 @@ class Body:
         """Position and rotation of a link in the frame of its body."""
         return self._frames[link]
 
-    def ends(self) -> list[int]:
+    def leaf_bodies(self) -> list[int]:
         """Bodies without children."""
         return [k for k in range(len(self.joints)) if k not in self.above]
 
@@ -147,7 +147,7 @@ class Body:
         axes = self.axes(turn)
         swept = np.cross(axes, points[:, None] - place[:-1])
         moved = np.where(self.slides[:, None], axes, swept)
-        return np.where(self._carried[bodies][:, :, None], moved, 0.0).transpose(0, 2, 1)
+        return np.where(self._moved_by[bodies][:, :, None], moved, 0.0).transpose(0, 2, 1)
 
     def _centres(self, frames: tuple) -> np.ndarray:
         """Centre of mass of each body in the base frame [m], (n + 1, 3)."""
@@ -188,8 +188,8 @@ class Body:
         linear[:, :, :3] = angular[:, :, 3:6] = np.eye(3)
         linear[:, :, 3:6] = np.cross(np.eye(3), at[:, None]).transpose(0, 2, 1)
         linear[:, :, 6:] = self._jacobians(np.arange(n + 1), at, frames)
-        turned = np.where(self.slides, 0.0, self.axes(turn).T)
-        angular[:, :, 6:] = np.where(self._carried[:, None], turned, 0.0)
+        rotation_axes = np.where(self.slides, 0.0, self.axes(turn).T)
+        angular[:, :, 6:] = np.where(self._moved_by[:, None], rotation_axes, 0.0)
         tensor = turn @ self._inertia @ turn.transpose(0, 2, 1)
         heavy = self.mass[:, None, None] * linear
         mass = np.einsum("kia,kib->ab", linear, heavy, optimize=True)

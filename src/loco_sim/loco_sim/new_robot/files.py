@@ -28,13 +28,13 @@ from .limits import NO_FEET, guess
 from .picture import picture
 from .posture import Posture
 from .supports import Support
-from .trial import STANDS, SWINGS, Outcome
+from .trial import STAND_TIME, SWINGS, Outcome
 
 RATE = 250.0  # control rate [Hz]
 TILT = 0.8  # tilt beyond which a robot has fallen [rad]
 TALL = 0.2  # base height, as a share of the size, from which a low base means a fall
 LOW = 0.5  # share of the base height below which a robot has fallen
-READ, GUESSED, TRIED = "read", "guessed", "tried"
+READ, GUESSED, TESTED = "read", "guessed", "tried"
 
 
 @dataclass
@@ -45,7 +45,7 @@ class Draft:
         urdf: Path of the original file.
         tidied: The repaired URDF.
         notes: Sentences for the user.
-        turned: Sentences about rotations of the base frame.
+        rotation_notes: Sentences about rotations of the base frame.
         guessed_limits: Joint and kind (effort or velocity) of each guessed limit.
         mimics: Joints that follow another one in the URDF.
         legs: Section ``legs`` of ``robot.yaml``.
@@ -56,7 +56,7 @@ class Draft:
     urdf: Path
     tidied: Tidied
     notes: list[str] = field(default_factory=list)
-    turned: list[str] = field(default_factory=list)
+    rotation_notes: list[str] = field(default_factory=list)
     guessed_limits: list[tuple[str, str]] = field(default_factory=list)
     mimics: list[str] = field(default_factory=list)
     legs: dict[str, dict[str, str]] = field(default_factory=dict)
@@ -289,7 +289,7 @@ class Folder:
     def _experiment(self, robot: robots.Robot) -> str:
         offset = ", ".join(f"{v + 0.0:.5g}" for v in robot.standing[robot.driven])
         if self.amplitude is None:
-            what, seconds, amplitude = "stands", STANDS, "0.0"
+            what, seconds, amplitude = "stands", STAND_TIME, "0.0"
         else:
             order = [self.body.joints.index(robot.joints[i]) for i in robot.driven]
             what, seconds = "swings all joints", 10.0
@@ -336,17 +336,17 @@ class Folder:
         rubs = (("damping", body.damping, "N·m·s/rad"), ("dry friction", body.friction, "N·m"))
         if drag := [f"{what} up to {v.max():.3g} {u}" for what, v, u in rubs if v.any()]:
             rows.append(("friction", f"{', '.join(drag)} of the joints", READ))
-        if draft.turned:
-            rows.append(("base frame", "; ".join(draft.turned), GUESSED))
+        if draft.rotation_notes:
+            rows.append(("base frame", "; ".join(draft.rotation_notes), GUESSED))
         if draft.guessed_limits:
-            kinds = Counter(kind for _, kind in draft.guessed_limits)
-            text = " and ".join(f"{kind} of {count}" for kind, count in sorted(kinds.items()))
+            counts = Counter(kind for _, kind in draft.guessed_limits)
+            text = " and ".join(f"{kind} of {count}" for kind, count in sorted(counts.items()))
             rows.append(("limits", f"{text} joints, from the weight and the size", GUESSED))
         if posture is None:
             rows.append(("base", f"bolted {self.height:g} m above the ground", GUESSED))
         else:
-            some = "feet and wheels" if wheels else "feet"
-            kind = "wheels" if wheels == len(self.supports) else some
+            support_text = "feet and wheels" if wheels else "feet"
+            kind = "wheels" if wheels == len(self.supports) else support_text
             links = listed([s.link for s in self.supports])
             rows.append(("base", f"floating, on {len(self.supports)} {kind}: {links}", GUESSED))
             rows.append((
@@ -360,10 +360,10 @@ class Folder:
         rows += self._gain_rows()
         gave = f"joints within {outcome.gave:.3f}, load at most {100.0 * outcome.load:.0f} %"
         if posture is None:
-            rows.append(("swings", f"{SWINGS:g} s; {gave} of their effort", TRIED))
+            rows.append(("swings", f"{SWINGS:g} s; {gave} of their effort", TESTED))
         else:
             sank = f"sinks {1e3 * outcome.sank:.1f} mm"
-            rows.append(("stands", f"{STANDS:g} s; {sank}, {gave}", TRIED))
+            rows.append(("stands", f"{STAND_TIME:g} s; {sank}, {gave}", TESTED))
         return rows
 
 

@@ -33,7 +33,7 @@ DAMPING_RATIO = 0.7
 DAMPING = 0.4  # largest kd dt / I
 STEPS = 8  # largest number of sub-steps for the gains
 PHYSICS_RATE = 1000.0  # [Hz]
-LEAST = 1e-5  # joint inertia below which an armature is added [kg·m²]
+MIN_INERTIA = 1e-5  # joint inertia below which an armature is added [kg·m²]
 
 
 @dataclass(frozen=True)
@@ -80,7 +80,7 @@ def choose(
     inertia = body.inertia(q, bolted)
     held = np.diag(inertia).copy()  # inertia with all other joints locked
     if not bolted:
-        held = np.maximum(held, _carried(body, q, feet, bodies))
+        held = np.maximum(held, _load_torque(body, q, feet, bodies))
     tau = np.where(body.slides, np.maximum(tau, GRAVITY * np.diag(inertia)), tau)  # as if vertical
     sag = np.where(body.slides, SLIDE_SAG, SAG)
     pace = 2.0 * np.pi * FREQUENCY
@@ -97,7 +97,7 @@ def choose(
     kd[wheels] = pace * held[wheels]
     dt = 1.0 / (PHYSICS_RATE * STEPS)
     free = 1.0 / np.diag(np.linalg.inv(inertia))
-    need = np.maximum((0.5 * kd + body.damping) * dt / DAMPING, LEAST)
+    need = np.maximum((0.5 * kd + body.damping) * dt / DAMPING, MIN_INERTIA)
     need[body.slides] = 0.0  # an armature does not apply to prismatic joints
     armature = np.where(free < need, need - free, 0.0)
     inertia = inertia + np.diag(armature)
@@ -108,7 +108,7 @@ def choose(
     return Gains(kp, kd, armature, max(1, int(np.ceil(ratio / 0.5 - 1e-9))))
 
 
-def _carried(body: Body, q: np.ndarray, feet: np.ndarray, bodies: list[int]) -> np.ndarray:
+def _load_torque(body: Body, q: np.ndarray, feet: np.ndarray, bodies: list[int]) -> np.ndarray:
     """Inertia of each joint's share of the robot at the lever arm of its foot [kg·m²], (n,)."""
     frames, share = body.forward(q), body.mass.sum() / max(1, len(bodies))
     inertia = np.zeros(len(body.joints))

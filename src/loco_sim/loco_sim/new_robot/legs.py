@@ -12,19 +12,19 @@ from .posture import Posture
 from .supports import Support, side_of
 
 JOINTS = ("haa", "hfe", "kfe")
-PLACES = dict(zip(LEGS, ((1, 1), (1, -1), (-1, 1), (-1, -1)), strict=True))
+QUADRANTS = dict(zip(LEGS, ((1, 1), (1, -1), (-1, 1), (-1, -1)), strict=True))
 
 
-def facing(body: Body, found: list[Support], place: np.ndarray) -> np.ndarray | None:
+def facing(body: Body, supports: list[Support], place: np.ndarray) -> np.ndarray | None:
     """Rotation about z that turns limbs named front to +x; None if not needed or not named.
 
     Args:
         body: The robot.
-        found: Supports of the robot.
+        supports: Supports of the robot.
         place: Origins of the bodies in the base frame [m], (n + 1, 3).
     """
-    sides = [_said(body, support)[0] for support in found]
-    hips = [place[s.chain[0]][:2] for s in found]
+    sides = [_quadrant_of(body, support)[0] for support in supports]
+    hips = [place[s.chain[0]][:2] for s in supports]
     front = [p for side, p in zip(sides, hips, strict=True) if side > 0]
     hind = [p for side, p in zip(sides, hips, strict=True) if side < 0]
     if not front or not hind:
@@ -37,7 +37,7 @@ def facing(body: Body, found: list[Support], place: np.ndarray) -> np.ndarray | 
     return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
 
 
-def _said(body: Body, support: Support) -> tuple[int, int]:
+def _quadrant_of(body: Body, support: Support) -> tuple[int, int]:
     """Position of a limb by its joint and link names, as in `side_of`."""
     names = [body.joints[j] for j in support.chain]
     names += [link for j in support.chain for link in body.links[j]]
@@ -56,7 +56,7 @@ def section(body: Body, found: list[Support], posture: Posture) -> dict[str, dic
         return {}
     feet = posture.feet[:, :2] - posture.feet[:, :2].mean(axis=0)
     entries = {}
-    for leg, (front, left) in PLACES.items():
+    for leg, (front, left) in QUADRANTS.items():
         fits = [
             s for s, foot in zip(found, feet, strict=True) if foot[0] * front > 0 < foot[1] * left
         ]

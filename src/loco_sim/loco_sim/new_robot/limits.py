@@ -22,7 +22,7 @@ SLIDES = 2.0  # velocity of a prismatic joint / sqrt(g size) [-]
 GRIP = 0.5  # traction of all wheels / weight [-]
 NO_FEET = np.zeros((0, 3))
 HOLDS = 0.6  # share of its effort limit that a swing may require of a joint
-PLACES = 9  # number of positions tried over the range of a joint
+N_POSITIONS = 9  # number of positions tried over the range of a joint
 TURNS = 12  # largest number of joints moved, in sequence
 SMALLEST = 8.0  # largest divisor of a swing
 
@@ -80,9 +80,9 @@ def guess(
     for k in _placeholders(efforts, np.maximum(weight, creep)):
         unit, pace = ("N", "m/s²") if body.slides[k] else ("N·m", "rad/s²")
         heavy = weight[k] >= creep[k]
-        cause = "its weight alone" if heavy else f"an acceleration of {CREEPS:g} {pace}"
+        load_case = "its weight alone" if heavy else f"an acceleration of {CREEPS:g} {pace}"
         notes.append(
-            f"{body.joints[k]}: effort limit {efforts[k]:g} {unit}, {cause} needs "
+            f"{body.joints[k]}: effort limit {efforts[k]:g} {unit}, {load_case} needs "
             f"{max(weight[k], creep[k]):.3g} {unit}: the limit is not used (guessed "
             f"{effort[k]:.3g} {unit}); correct <limit effort>"
         )
@@ -107,7 +107,7 @@ def _placeholders(efforts: dict[int, float], needed: np.ndarray) -> list[int]:
     return [k for k, value in short.items() if value in false]
 
 
-def asked(body: Body, q: np.ndarray, amplitude: np.ndarray, pace: float) -> np.ndarray:
+def demand(body: Body, q: np.ndarray, amplitude: np.ndarray, pace: float) -> np.ndarray:
     """Largest torque of each joint for a swing of all joints at once [N·m or N], (n,).
 
     Args:
@@ -141,10 +141,10 @@ def held(
     """
 
     def excess(at: np.ndarray) -> float:
-        share = asked(body, at, amplitude, pace) / effort
+        share = demand(body, at, amplitude, pace) / effort
         return float(np.square(np.maximum(share - HOLDS, 0.0)).sum())
 
-    first, at = asked(body, q, amplitude, pace) / effort, q
+    first, at = demand(body, q, amplitude, pace) / effort, q
     if (first <= HOLDS).all():
         return q, amplitude, []
     low = np.maximum(body.low, -np.pi) + np.abs(amplitude)  # a full turn more is the same posture
@@ -154,14 +154,14 @@ def held(
             break
         candidates = [at]
         for joint in range(len(q)):
-            for value in np.linspace(low[joint], high[joint], PLACES):
+            for value in np.linspace(low[joint], high[joint], N_POSITIONS):
                 candidates.append(np.where(np.arange(len(q)) == joint, value, at))
         best = min(candidates, key=excess)
         if best is at:
             break
         at = best
     part = 1.0
-    while part < SMALLEST and (asked(body, at, amplitude / part, pace) > HOLDS * effort).any():
+    while part < SMALLEST and (demand(body, at, amplitude / part, pace) > HOLDS * effort).any():
         part *= 2.0
     i_max = int(np.argmax(first))
     moved = [name for name, a, b in zip(body.joints, q, at, strict=True) if a != b]

@@ -18,7 +18,7 @@ from loco_control.exceptions import MissingFileError, ParameterError
 from ..foreign.joints import WORLDS
 from ..foreign.tidy import Tidied
 from ..geometry import rotation_matrix
-from ..robot.clearance import SPACE, clearance, raised
+from ..robot.clearance import SPACE, clearance, height_above
 from ..robot.urdf_check import mass_of, problems
 from . import gains as gain
 from . import legs, limits, trial
@@ -27,10 +27,10 @@ from .files import Draft, Folder
 from .posture import LEVEL, Posture, Search
 from .supports import Probe, Support, probe, stands_at, supports
 
-HALF = 0.5**0.5
+COS45 = 0.5**0.5
 UPWARDS = {  # orientation of the base, x y z w, that turns the named axis upwards
-    "z": (0.0, 0.0, 0.0, 1.0), "y": (HALF, 0.0, 0.0, HALF), "-y": (-HALF, 0.0, 0.0, HALF),
-    "x": (0.0, -HALF, 0.0, HALF), "-x": (0.0, HALF, 0.0, HALF), "-z": (1.0, 0.0, 0.0, 0.0),
+    "z": (0.0, 0.0, 0.0, 1.0), "y": (COS45, 0.0, 0.0, COS45), "-y": (-COS45, 0.0, 0.0, COS45),
+    "x": (0.0, -COS45, 0.0, COS45), "-x": (0.0, COS45, 0.0, COS45), "-z": (1.0, 0.0, 0.0, 0.0),
 }  # fmt: skip
 STIFFER = (1.0, 2.0, 4.0, 0.5)  # factors on the stiffness, tried in turn
 ARMS = "the gait moves legs alone (to move them, delete `legs` as well)"
@@ -75,7 +75,7 @@ def make(urdf: Path, out: Path) -> Result:
         raise ParameterError(f"{out} exists already; give another folder with --out")
     draft = Draft(urdf, Tidied(urdf))
     try:
-        return _made(draft, out)
+        return _build(draft, out)
     except ParameterError as error:
         if not draft.tidied.suspects:
             raise
@@ -84,9 +84,9 @@ def make(urdf: Path, out: Path) -> Result:
         raise ParameterError(f"{urdf}: {units}. As it is written: {effect}") from None
 
 
-def _made(draft: Draft, out: Path) -> Result:
+def _build(draft: Draft, out: Path) -> Result:
     urdf = draft.urdf
-    _refuse(urdf, draft, bolted=True)
+    _check(urdf, draft, bolted=True)
     if not draft.description().joint_types():
         raise ParameterError(f"{urdf}: no joint of it moves, so there is nothing to drive")
     rng = np.random.default_rng(SEED)
@@ -101,7 +101,7 @@ def _made(draft: Draft, out: Path) -> Result:
     return _bolted(draft, out, rng)
 
 
-def _refuse(urdf: Path, draft: Draft, bolted: bool) -> None:
+def _check(urdf: Path, draft: Draft, bolted: bool) -> None:
     faults = list(problems(draft.root, urdf.resolve().parent, bolted))
     if faults:
         suffix = f" (and {len(faults) - 1} more)" if len(faults) > 1 else ""
@@ -132,33 +132,33 @@ def _floating(
     if up != "z":
         rotation = np.reshape(rotation_matrix(UPWARDS[up]), (3, 3))
         draft.tidied.turn_root(root, rotation)
-        draft.turned.append(f"{up} of the base is up")
+        draft.rotation_notes.append(f"{up} of the base is up")
     draft.tidied.float_root(root)
-    _refuse(urdf, draft, bolted=False)
+    _check(urdf, draft, bolted=False)
     with probe(draft.description().text(), draft.folder) as rotated:
         contacts = supports(rotated, q, rng)
         yaw = legs.facing(rotated.body, contacts, rotated.body.forward(q)[1])
         if yaw is None:
             return _posture(draft, rotated, contacts, q, rng)
     draft.tidied.turn_root(root, yaw)
-    draft.turned.append("turned so that the legs named front are at +x")
+    draft.rotation_notes.append("turned so that the legs named front are at +x")
     with probe(draft.description().text(), draft.folder) as final:
         return _posture(draft, final, supports(final, q, rng), q, rng)
 
 
 def _arms_locked(
-    draft: Draft, found: list[Support], posture: Posture, size: float, rng: np.random.Generator
+    draft: Draft, on_ground: list[Support], posture: Posture, size: float, rng: np.random.Generator
 ) -> tuple[list[Support], Posture, float] | None:
     """Supports, posture and size of a quadruped after locking all joints except those of its legs.
 
     The gait moves only legs; other robots are returned unchanged.
     """
     body = draft.body()
-    named = legs.section(body, found, posture)
+    named = legs.section(body, on_ground, posture)
     leg_joints = {leg[key] for leg in named.values() for key in legs.JOINTS}
     rest = {j: q for j, q in zip(body.joints, posture.q, strict=True) if j not in leg_joints}
     if not named or not rest:
-        return found, posture, size
+        return on_ground, posture, size
     no_load = np.zeros(len(body.joints))
     draft.guess_limits(body, no_load, {}, np.random.default_rng(SEED), rest)
     draft.lock(rest, ARMS)
@@ -168,10 +168,10 @@ def _arms_locked(
 
 
 def _posture(
-    draft: Draft, final: Probe, found: list[Support], q: np.ndarray, rng: np.random.Generator
+    draft: Draft, final: Probe, supports: list[Support], q: np.ndarray, rng: np.random.Generator
 ) -> tuple[list[Support], Posture, float] | None:
     """Supports, posture and size of a robot in its final frame; None if it cannot stand."""
-    posture = Search(final, found, q, rng).find()
+    posture = Search(final, supports, q, rng).find()
     size = final.size(q)
     if posture.uneven > LEVEL * size * 2.0:
         draft.notes.append(
@@ -179,50 +179,50 @@ def _posture(
         )
         return None
     if posture.margin <= 0.0:
-        outside = f"{-posture.margin:.2f} m outside its {len(found)} points of support"
+        outside = f"{-posture.margin:.2f} m outside its {len(supports)} points of support"
         draft.notes.append(f"bolted, as its centre of mass is {outside}")
         return None
-    return found, posture, size
+    return supports, posture, size
 
 
 def _upwards(first: Probe, q: np.ndarray, rng: np.random.Generator) -> tuple[str, list[Support]]:
     """Axis of the base that points up, and the supports in that orientation."""
     contacts = supports(first, q, rng)
-    if stands_at(first, q) or _enough(contacts, 3):
-        return "z", contacts if _enough(contacts, 2) else []
+    if stands_at(first, q) or _is_sufficient(contacts, 3):
+        return "z", contacts if _is_sufficient(contacts, 2) else []
     for up, orientation in UPWARDS.items():
         first.up = orientation
         if up != "z" and stands_at(first, q):
             alternative = supports(first, q, rng)
-            if _enough(alternative, 2):
+            if _is_sufficient(alternative, 2):
                 return up, alternative
     first.up = UPWARDS["z"]
-    return "z", contacts if _enough(contacts, 2) else []
+    return "z", contacts if _is_sufficient(contacts, 2) else []
 
 
-def _enough(found: list[Support], count: int) -> bool:
+def _is_sufficient(supports: list[Support], count: int) -> bool:
     """Whether supports suffice: three points, or two feet with three joints each."""
-    return len(found) >= max(count, 3) or (
-        len(found) == 2 == count and all(len(s.chain) > 2 and not s.wheel for s in found)
+    return len(supports) >= max(count, 3) or (
+        len(supports) == 2 == count and all(len(s.chain) > 2 and not s.wheel for s in supports)
     )
 
 
 def _try(
-    draft: Draft, out: Path, found: list[Support], posture: Posture, size: float,
+    draft: Draft, out: Path, supports: list[Support], posture: Posture, size: float,
     rng: np.random.Generator,
 ) -> Result | None:  # fmt: skip
     """Write the robot with the first gains that pass the trial; None if none do."""
     body, draft.size = draft.body(), size
-    wheels = [s.chain[-1] for s in found if s.wheel]
-    bodies = [s.body for s in found]
+    wheels = [s.chain[-1] for s in supports if s.wheel]
+    bodies = [s.body for s in supports]
     _, place = body.forward(posture.q)
     radii = {w: max(1e-3, place[w][2] + posture.height) for w in wheels}
     loads = body.weight_torque(posture.q, bodies, posture.feet)
     draft.guess_limits(body, loads, radii, rng)
-    draft.legs = legs.section(body, found, posture)
+    draft.legs = legs.section(body, supports, posture)
     for stiffer, preset in _attempts(draft):
         gains = gain.choose(body, posture.q, posture.feet, bodies, wheels, False, stiffer, preset)
-        with Folder(draft, out, body, posture.q, gains, found, posture.height) as folder:
+        with Folder(draft, out, body, posture.q, gains, supports, posture.height) as folder:
             outcome = trial.stand(folder.robot(), size)
             if not outcome.fault:
                 folder.keep()
@@ -271,9 +271,9 @@ def _bolted(draft: Draft, out: Path, rng: np.random.Generator) -> Result:
                 draft.reject_gains(outcome.fault)
                 continue
             missed += [outcome.missed] * bool(outcome.missed)
-    stuck, led = min(missed, key=len, default=()), draft.description().mimics()
+    stuck, mimics = min(missed, key=len, default=()), draft.description().mimics()
     both = zip(body.joints, q, strict=True)
-    rest = {j: at for j, at in both if {j, led.get(j, (j,))[0]} & set(stuck)}
+    rest = {j: at for j, at in both if {j, mimics.get(j, (j,))[0]} & set(stuck)}
     if not 0 < len(rest) < len(body.joints):
         raise ParameterError(f"{draft.urdf}: no gains were found: {outcome.fault}")
     draft.lock(rest, STUCK)
@@ -321,4 +321,4 @@ def _clear(draft: Draft, body: Body, rng: np.random.Generator) -> float:
             poses = low + (high - low) * rng.random((POSES, len(low)))
             heights = [point[2] for q in poses for point in final.lowest(q).values()]
             lowest = 1.1 * min(heights, default=0.0)
-    return raised(lowest, gap)
+    return height_above(lowest, gap)

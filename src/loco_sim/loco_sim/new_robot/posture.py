@@ -68,8 +68,8 @@ class Search:
         self._body: Body = probe.body
         self._size = probe.size(q)
         self._points = probe.points
-        self._legs = [s for s in supports if _bent(s) and not (s.wheel and len(s.chain) < 3)]
-        self._chains = [_bent(s) for s in self._legs]
+        self._legs = [s for s in supports if _joints_of(s) and not (s.wheel and len(s.chain) < 3)]
+        self._chains = [_joints_of(s) for s in self._legs]
         turn, place = self._body.forward(q)
         self._hips = [place[chain[0]] for chain in self._chains]
         self._level_feet = len(supports) == 2
@@ -184,7 +184,7 @@ class Search:
         )
 
 
-def _bent(support: Support) -> tuple[int, ...]:
+def _joints_of(support: Support) -> tuple[int, ...]:
     """Joints of a support that a posture may bend."""
     return support.chain[:-1] if support.wheel else support.chain
 

@@ -97,7 +97,7 @@ def probe(urdf: str, folder: Path) -> Iterator[Probe]:
     body = Body(description)
     elements = {link.get("name"): link for link in description.elements("link")}
     points = {k: _points(body, k, elements, folder) for k in body.links}
-    model = _weighed(urdf)
+    model = _with_masses(urdf)
     robot = Robot("new", model, folder, body.joints, (), np.zeros(len(body.joints)), np.array([]))
     world = make_world(robot, SimParams(), 0.001)
     try:
@@ -107,7 +107,7 @@ def probe(urdf: str, folder: Path) -> Iterator[Probe]:
         world.close()
 
 
-def _weighed(urdf: str) -> str:
+def _with_masses(urdf: str) -> str:
     """URDF with a mass on every link, as MuJoCo requires; poses do not depend on it."""
     description = Description(urdf)
     for link in description.elements("link"):
@@ -137,7 +137,7 @@ def supports(probe: Probe, q: np.ndarray, rng: np.random.Generator) -> list[Supp
         rng: Random generator of poses.
     """
     body = probe.body
-    chains = {end: _own(body, end) for end in body.ends()}
+    chains = {end: _exclusive_joints(body, end) for end in body.leaf_bodies()}
     dofs = sorted({j for chain in chains.values() for j in chain})
     if not dofs:
         return []
@@ -188,9 +188,9 @@ def _deepest(body: Body, deep: dict[int, float], floor: float) -> list[int]:
     return similar if count >= 3 and len(different) == 1 else selected
 
 
-def _own(body: Body, end: int) -> tuple[int, ...]:
+def _exclusive_joints(body: Body, end: int) -> tuple[int, ...]:
     """Joints that move only the given end."""
-    shared = {j for e in body.ends() if e != end for j in body.path(e)}
+    shared = {j for e in body.leaf_bodies() if e != end for j in body.path(e)}
     return tuple(j for j in body.path(end) if j not in shared)
 
 
@@ -216,7 +216,7 @@ def stands_at(probe: Probe, q: np.ndarray) -> bool:
     lowest = probe.by_body(q)
     if not lowest:
         return False
-    size, limb_ends = probe.size(q), set(probe.body.ends())
+    size, limb_ends = probe.size(q), set(probe.body.leaf_bodies())
     bottom = min(point[2] for point, _ in lowest.values())
     touching = {k: p for k, (p, _) in lowest.items() if p[2] < bottom + LEVEL * size}
     if len(touching) < 2 or not set(touching) <= limb_ends or BASE in touching:

@@ -15,9 +15,9 @@ from ..geometry import roll_pitch, rotation_matrix
 from ..plant.simulation import Simulation
 from ..robot import robot as robots
 
-STANDS, SWINGS = 5.0, 2.0  # durations of a trial [s]; a robot stands as long in its experiment
+STAND_TIME, SWINGS = 5.0, 2.0  # durations of a trial [s]; a robot stands as long in its experiment
 QUIET = 0.5  # at its end the robot must be at rest for this time [s]
-FLAT = 0.2  # minimum base height used for the tolerances, share of the size
+MIN_HEIGHT = 0.2  # minimum base height used for the tolerances, share of the size
 SINKS = 0.15  # largest sinking of the base, share of its height
 TILTS = 0.15  # largest tilt [rad]
 GIVES = 0.25  # largest deflection of a joint [rad or m]
@@ -46,7 +46,7 @@ class Outcome:
 
 
 def stand(robot: robots.Robot, size: float) -> Outcome:
-    """Hold the standing posture for `STANDS`.
+    """Hold the standing posture for `STAND_TIME`.
 
     Args:
         robot: The robot.
@@ -56,7 +56,7 @@ def stand(robot: robots.Robot, size: float) -> Outcome:
     try:
         with Simulation(robot=robot) as plant:
             start = plant.ground_truth().position[2]
-            for k in range(round(STANDS / plant.dt)):
+            for k in range(round(STAND_TIME / plant.dt)):
                 zero_speed = np.zeros(len(robot.joints))
                 state = plant.step(MotionCommand(k, k * plant.dt, robot.standing, zero_speed))
                 truth = plant.ground_truth()
@@ -71,7 +71,7 @@ def stand(robot: robots.Robot, size: float) -> Outcome:
         return Outcome("its gains are not stable at the physics step")
     except LocoError as error:
         return Outcome(str(error))
-    sank, size = start - quiet[-1, 0], max(start, FLAT * size)
+    sank, size = start - quiet[-1, 0], max(start, MIN_HEIGHT * size)
     tilt = np.abs(quiet[:, 1:]).max()
     if tilt > TILTS:
         return Outcome(f"it tilts by {math.degrees(tilt):.0f} degrees", sank, gave, load)
@@ -113,7 +113,7 @@ def swing(robot: robots.Robot, amplitude: np.ndarray) -> Outcome:
         name = robot.joints[i_max]
         fault = f"joint {name!r} misses its swing of {size[i_max]:.2g} by {rms[i_max]:.2g}"
         failed = zip(robot.joints, rms > FOLLOWS * size, strict=True)
-        return Outcome(fault, 0.0, float(rms.max()), load, tuple(n for n, far in failed if far))
+        return Outcome(fault, 0.0, float(rms.max()), load, tuple(n for n, large in failed if large))
     return Outcome("", 0.0, float(rms.max()), load)
 
 

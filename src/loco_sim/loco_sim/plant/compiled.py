@@ -21,7 +21,7 @@ from ..effects.chain import Chain, JointEffect
 from ..effects.pulls import Pulls, laid_out
 from ..effects.pulls import of as pulls
 from ..effects.rows import NO_LAWS, ON_MOTOR, Laws
-from ..effects.timetable import Script, behind_springs, commanding, heard
+from ..effects.timetable import Script, behind_springs, commanding, received
 from ..world.world import World
 from . import kernels
 from .sensing import BASE
@@ -47,7 +47,7 @@ def ordinary(effects: Sequence[Effect]) -> str:
         if any(overrides(effect, h) for h in IN_JOINTS) and not isinstance(effect, JointEffect):
             return f"{effect.name} has no compiled law"
     for effect, pull in pulls(acting):
-        if pull is None and not effect.blind:
+        if pull is None and not effect.stateless:
             return f"{effect.name} looks at the world in each step"
     return behind_springs(acting)
 
@@ -67,8 +67,8 @@ class Compiled:
         self._handles, frames = world.handles(), world.frames()
         acting = [effect for effect in effects if not effect.absent()]
         forces = [effect for effect, pull in pulls(acting) if pull is not None]
-        self._blind = windows(
-            [e for e in acting if e.blind and e not in forces], "on_step", self._dt
+        self._state_independent = windows(
+            [e for e in acting if e.stateless and e not in forces], "on_step", self._dt
         )
         self._commands = commanding(acting, self._dt)
         brakes, change = self._laws(acting, "on_brake"), self._laws(acting, *ON_TORQUES)
@@ -83,20 +83,20 @@ class Compiled:
         )
         self._measures = any(overrides(e, "on_measurement") for e in acting) and len(change.plan)
         self._script = Script(frames, {foot: world.shapes(foot) for foot in world.robot.feet})
-        self._still = np.zeros((0, *change.memory.shape))
+        self._no_memory = np.zeros((0, *change.memory.shape))
         self._one = np.zeros(steps, dtype=np.int64)
 
-    def alone(self, steps: int) -> float:
+    def engine_time(self, steps: int) -> float:
         """Processor time of `steps` steps of the engine alone [s]; the state advances."""
-        kernels.alone(self._handles, 0)
+        kernels.step_engine(self._handles, 0)
         began = time.process_time()
-        kernels.alone(self._handles, steps)
+        kernels.step_engine(self._handles, steps)
         return time.process_time() - began
 
-    def recall(self, memories: np.ndarray, row: int) -> None:
+    def restore_memory(self, memory_log: np.ndarray, row: int) -> None:
         """Restore the memory of effects on sensors at a row, if there is any."""
-        if len(memories):
-            self._acting.change.memory[:] = memories[row]
+        if len(memory_log):
+            self._acting.change.memory[:] = memory_log[row]
 
     def _laws(self, effects: Sequence[Effect], *hooks: str) -> Laws:
         acting = [e for e in effects if any(overrides(e, hook) for hook in hooks)]
@@ -125,7 +125,7 @@ class Compiled:
         which: np.ndarray,
         power: np.ndarray,
         first: int,
-        wanted: Sequence[tuple[np.ndarray, np.ndarray]] | None = None,
+        targets: Sequence[tuple[np.ndarray, np.ndarray]] | None = None,
     ) -> tuple[np.ndarray, int, np.ndarray]:
         """Simulate a command sequence.
 
@@ -134,7 +134,7 @@ class Compiled:
             which: Index of the command of each physics step, (T * steps,).
             power: Supply and switch of the drives, (T, 2).
             first: Number of the first physics step.
-            wanted: Desired positions and velocities of each command, for effects that detect a
+            targets: Desired positions and velocities of each command, for effects that detect a
                 new command by the identity of its arrays; None if all commands are new.
 
         Returns:
@@ -144,15 +144,15 @@ class Compiled:
         """
         acting, stop, n = self._acting, first + len(which), table.shape[2]
         if self._commands:
-            wanted = wanted or [(row[0], row[1]) for row in table]
-            table, which = heard(self._commands, wanted, which, table[:, 2:], first, self._dt)
-        if self._blind:
-            forces, slips = self._script.write(self._blind, first, stop, self._dt)
+            targets = targets or [(row[0], row[1]) for row in table]
+            table, which = received(self._commands, targets, which, table[:, 2:], first, self._dt)
+        if self._state_independent:
+            forces, slips = self._script.write(self._state_independent, first, stop, self._dt)
             both = (np.concatenate(pair) for pair in zip(acting.pulls, forces, strict=True))
             acting = acting._replace(pulls=Pulls(*both), slips=slips)
         out = np.zeros((len(power) + 1, 3 * n + len(self._handles.feet) + BASE))
         rows = len(power) + 1 if self._measures and len(power) > 1 else 0
-        memory_rows = np.zeros((rows, *self._still.shape[1:])) if rows else self._still
+        memory_rows = np.zeros((rows, *self._no_memory.shape[1:])) if rows else self._no_memory
         commands = table, which, power
         done = kernels.run(
             self._handles, self._drive.rows(), acting, commands, first, self._dt, memory_rows, out

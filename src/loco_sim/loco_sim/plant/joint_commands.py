@@ -9,7 +9,7 @@ from loco_control.types import MotionCommand, TrunkTorque
 
 from ..robot.robot import Robot
 from ..robot.servo import TorqueDrive
-from .orders import Orders
+from .orders import CommandSequence
 
 
 class JointCommands:
@@ -44,7 +44,7 @@ class JointCommands:
         tau[self._driven[self._torque]] = q[self._torque]
         return command, TrunkTorque(tick, t, tau, np.zeros(6), np.ones(self._feet, dtype=bool))
 
-    def orders(self, q: np.ndarray, dq: np.ndarray | None = None) -> Orders:
+    def sequence(self, q: np.ndarray, dq: np.ndarray | None = None) -> CommandSequence:
         """Commands of a whole run.
 
         Args:
@@ -56,4 +56,4 @@ class JointCommands:
         speed[:, self._driven] = 0.0 if dq is None else dq
         tau[:, self._driven[self._torque]] = q[:, self._torque]
         stance = np.ones((len(q), self._feet), dtype=bool)
-        return Orders(position, speed, tau, None, (False, False, False), stance)
+        return CommandSequence(position, speed, tau, None, (False, False, False), stance)

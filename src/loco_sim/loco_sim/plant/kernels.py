@@ -11,12 +11,12 @@ from llvmlite import ir
 from numba import njit, types
 from numba.extending import intrinsic
 
-from ..drives.actuators import COMMANDS, add_springs, asked, drive_torques
+from ..drives.actuators import COMMANDS, add_springs, drive_demand, drive_torques
 from ..effects.laws import OF_DRIVE, OF_JOINT, bend, budgets, copy_rows, motors, torques
 from ..world.hinges import torque as hinge_torque
 from .sensing import BASE
 
-MADE_OF = "621a255b9b7b"  # of the kernels called here: see tests/loco_sim/test_kernel_caches.py
+MADE_OF = "54c35c7cf134"  # of the kernels called here: see tests/loco_sim/test_kernel_caches.py
 
 
 @intrinsic
@@ -32,7 +32,7 @@ def call(typing_context, address, model, data):
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
-def run(engine, drives, acting, told, first, dt, memories, out):
+def run(engine, drives, acting, commands, first, dt, memory_log, out):
     """Simulate commands while the state is finite; return the number of simulated rows.
 
     Args:
@@ -40,17 +40,17 @@ def run(engine, drives, acting, told, first, dt, memories, out):
         drives: Drives, springs and states of drives as in `actuators.drive_torques`; the states
             are changed.
         acting: `compiled.Acting`.
-        told: Commands as in `actuators.drive_torques`, (k, COMMANDS, n); their index at each
+        commands: Commands as in `actuators.drive_torques`, (k, COMMANDS, n); their index at each
             physics step, (T * steps,); and supply and switch of the drives in each row, (T, 2).
         first: Number of the first physics step.
         dt: Physics step [s].
-        memories: Result: memory of the effects before each row and after the last,
+        memory_log: Result: memory of the effects before each row and after the last,
             (T + 1, rows, MEMORY), or empty.
         out: Result: the state before each row and after the last, (T + 1, 3 n + 3 m + BASE):
             positions, velocities and mean torques of the joints, ground force on each foot
             (world frame), state of the base; torques and forces of the first row are not set.
     """
-    (table, which, power), (drive_rows, springs, rotors) = told, drives
+    (table, which, power), (drive_rows, springs, rotors) = commands, drives
     plan, joint, const, memory, line = acting.change
     brake_plan, brake_joint, brake_const = acting.brakes[:3]
     n, m, rows = len(engine.q_at), len(engine.feet), len(power)
@@ -58,9 +58,9 @@ def run(engine, drives, acting, told, first, dt, memories, out):
     state, command = np.empty(2 * n), np.empty((COMMANDS, n))
     tau, budget, motor, drive_tau = np.empty(n), np.zeros(n), drive_rows.copy(), np.empty(n)
     share = np.empty((2, n))
-    look(engine, out[0])
-    if len(memories):
-        copy_rows(memory, memories[0])
+    observe(engine, out[0])
+    if len(memory_log):
+        copy_rows(memory, memory_log[0])
     for row in range(rows):
         reading = out[row + 1]
         reading[2 * n : 3 * n + m] = 0.0
@@ -74,7 +74,7 @@ def run(engine, drives, acting, told, first, dt, memories, out):
             bend(step, plan, joint, memory, command)
             if acting.weakens:
                 copy_rows(drive_rows, motor)
-                asked(state, command, drive_rows, rotors, supply, on, dt, step, share)
+                drive_demand(state, command, drive_rows, rotors, supply, on, dt, step, share)
                 motors(step, plan, joint, const, motor, share[0], share[1])
             drive_torques(state, command, motor, rotors, dt, supply, on, tau, step)
             if len(plan):
@@ -113,28 +113,28 @@ def run(engine, drives, acting, told, first, dt, memories, out):
         if engine.mean:
             for i in range(m):
                 reading[3 * n + i] /= steps
-        look(engine, reading)
-        if len(memories):
-            copy_rows(memory, memories[row + 1])
+        observe(engine, reading)
+        if len(memory_log):
+            copy_rows(memory, memory_log[row + 1])
         if not np.isfinite(np.sum(reading)):
             return row
     return rows
 
 
 @njit(cache=True, nogil=True)
-def alone(engine, steps):
+def step_engine(engine, steps):
     """Advance the engine alone by `steps` steps, with unchanged torques."""
     for _ in range(steps):
         call(engine.step, engine.model, engine.data)
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
-def look(engine, said):
+def observe(engine, reading):
     """Current state of joints and base, written into a row of `out` of `run`."""
     n, q, dq = len(engine.q_at), engine.q, engine.dq
     for i in range(n):
-        said[i], said[n + i] = q[engine.q_at[i]], dq[engine.dq_at[i]]
-    base = said[len(said) - BASE :]
+        reading[i], reading[n + i] = q[engine.q_at[i]], dq[engine.dq_at[i]]
+    base = reading[len(reading) - BASE :]
     if len(engine.fixed):
         for i in range(BASE):
             base[i] = engine.fixed[i]

@@ -10,7 +10,7 @@ import numpy as np
 from ..robot.robot import Robot
 
 
-class Orders(NamedTuple):
+class CommandSequence(NamedTuple):
     """Commands of a robot, in the order of its joints."""
 
     q: np.ndarray  # desired positions [rad or m], (T, n)
@@ -20,19 +20,19 @@ class Orders(NamedTuple):
     ramps: tuple[bool, bool, bool]  # positions, velocities, torques are interpolated
     stance: np.ndarray  # feet in stance according to the commands, (T, feet) bool
 
-    def rows(self, first: int, stop: int) -> Orders:
+    def rows(self, first: int, stop: int) -> CommandSequence:
         """Rows from `first` to before `stop`; the last row is held instead of interpolated."""
         power = None if self.power is None else self.power[first:stop]
         parts = (values[first:stop] for values in (self.q, self.dq, self.tau))
-        return Orders(*parts, power, self.ramps, self.stance[first:stop])
+        return CommandSequence(*parts, power, self.ramps, self.stance[first:stop])
 
-    def held(self) -> Orders:
+    def held(self) -> CommandSequence:
         """Equivalent commands with held in place of interpolated values."""
         values = [
             0.5 * (values + np.concatenate([values[1:], values[-1:]])) if ramp else values
             for values, ramp in zip(self[:3], self.ramps, strict=True)
         ]
-        return Orders(*values, self.power, (False, False, False), self.stance)
+        return CommandSequence(*values, self.power, (False, False, False), self.stance)
 
     def table(
         self, robot: Robot, steps: int, power: tuple[float, float] = (1.0, 1.0)

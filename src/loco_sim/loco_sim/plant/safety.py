@@ -21,7 +21,7 @@ from loco_control.types import MotionCommand, RobotState, TrunkTorque
 from ..robot.robot import Robot
 from ..robot.servo import TorqueDrive
 
-KINDS = ("position", "velocity", "rate", "acceleration", "jerk", "torque")
+LIMIT_TYPES = ("position", "velocity", "rate", "acceleration", "jerk", "torque")
 
 
 @dataclass(frozen=True)
@@ -88,18 +88,18 @@ class Safety:
         self._torque = params.torque * effort
         self._overspeed = np.where(driven, params.overspeed * speed, np.inf)
         self._power = np.where(driven, params.power * effort * speed, np.inf)
-        self.limited = dict.fromkeys(KINDS, 0)
+        self.limited = dict.fromkeys(LIMIT_TYPES, 0)
         self._none = np.zeros(len(robot.joints))
         self.reset()
 
     def reset(self) -> None:
         """Discard the previous command, so that the next one is not limited in rate."""
         self._past: tuple[np.ndarray, ...] | None = None
-        self._beyond = 0
+        self._trip_count = 0
 
     def resume(self, state: RobotState) -> None:
         """Limit the rate of the next command relative to the measured state."""
-        self._past, self._beyond = (state.q,) * 3, 0
+        self._past, self._trip_count = (state.q,) * 3, 0
 
     def limit(
         self, command: MotionCommand, trunk: TrunkTorque | None
@@ -139,9 +139,9 @@ class Safety:
 
     def trip(self, state: RobotState) -> str:
         """Reason to stop the robot now, "" if there is none; NaN readings are a reason."""
-        index = _beyond(state.dq, state.tau, self._overspeed, self._power)
-        self._beyond = self._beyond + 1 if index >= 0 else 0
-        if self._beyond < self._params.trip_ticks:
+        index = _exceeding_joint(state.dq, state.tau, self._overspeed, self._power)
+        self._trip_count = self._trip_count + 1 if index >= 0 else 0
+        if self._trip_count < self._params.trip_ticks:
             return ""
         joint, speed, tau = self._joints[index], state.dq[index], state.tau[index]
         if not (np.isfinite(speed) and np.isfinite(tau)):
@@ -176,7 +176,7 @@ def _within(q, dq, tau, before, low, high, speed, step, torque):  # noqa: PLR091
 
 
 @njit(cache=True)
-def _beyond(dq, tau, speed, power):
+def _exceeding_joint(dq, tau, speed, power):
     """First joint that exceeds speed or power or has NaN readings; -1 if none."""
     for i in range(len(dq)):
         exceeds = abs(dq[i]) > speed[i] or abs(dq[i] * tau[i]) > power[i]

@@ -18,7 +18,7 @@ from ..geometry import roll_pitch, rotation_matrix
 from ..robot.robot import FallLimits
 
 BASE = 13  # numbers of the base: position, quaternion, linear, angular velocity (world frame)
-FINE, FALLEN, BROKEN = range(3)  # verdicts: normal, fallen, state not finite
+FINE, FALL, BROKEN = range(3)  # verdicts: normal, fallen, state not finite
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
@@ -85,9 +85,9 @@ def readings(rows, n, dt, gravity, threshold, limits):
         if not isfinite(total):
             verdicts[r] = BROKEN
         elif base[2] < limits[0] or abs(atan2(h, i)) > limits[1]:
-            verdicts[r] = FALLEN
+            verdicts[r] = FALL
         elif abs(asin(max(-1.0, min(1.0, -g)))) > limits[2]:
-            verdicts[r] = FALLEN
+            verdicts[r] = FALL
     return values, touches, verdicts
 
 

@@ -32,9 +32,9 @@ from ..robot import robot as robots
 from ..robot.sensors import Sensors
 from ..world.world import Base, make_world
 from .compiled import Compiled, ordinary
-from .orders import Orders
-from .sensing import BROKEN, FALLEN, fall_reason, ground_truth, readings, robot_state
-from .stepwise import Stepwise, seen
+from .orders import CommandSequence
+from .sensing import BROKEN, FALL, fall_reason, ground_truth, readings, robot_state
+from .stepwise import Stepwise, sensor_row
 
 log = logging.getLogger(__name__)
 
@@ -101,9 +101,9 @@ class Simulation:
             stance=np.ones(len(self.robot.feet), dtype=bool),
         )
         # Reason why the compiled loop cannot be used; "" if it can.
-        self._why = self._world.damped and "damping is solved" or ordinary(self._effects)
-        if self._why and params.engine == "mujoco":
-            log.info("physics steps go through Python: %s", self._why)
+        self._slow_reason = self._world.damped and "damping is solved" or ordinary(self._effects)
+        if self._slow_reason and params.engine == "mujoco":
+            log.info("physics steps go through Python: %s", self._slow_reason)
         self.reset()
 
     @property
@@ -156,9 +156,9 @@ class Simulation:
         """
         self._seed = self._seed if seed is None else seed
         self._rebuild()
-        return self._begin(self._standing)
+        return self._start(self._standing)
 
-    def _begin(
+    def _start(
         self,
         q: np.ndarray,
         dq: np.ndarray | None = None,
@@ -178,14 +178,14 @@ class Simulation:
         if self._sensors:
             self._sensors.reset(self._seed)
         plant = self._world, self._drive, self._effects
-        compiled = self._world.handles() is not None and not self._why
+        compiled = self._world.handles() is not None and not self._slow_reason
         self._loop = (
             Compiled(*plant, self._steps)
             if compiled
             else Stepwise(*plant, self._damped, self._steps)
         )
         no_load = [0.0] * (len(self.robot.joints) + 3 * len(self.robot.feet))
-        row = seen(self._world, *self._world.joint_states(), no_load)
+        row = sensor_row(self._world, *self._world.joint_states(), no_load)
         return self._measure(np.array((row, row)))
 
     def place(
@@ -208,10 +208,10 @@ class Simulation:
             tick: Number of the first tick, which determines the time windows of effects.
             integral: Torques of the integrators of the drives [N·m], (n,).
         """
-        if rebuild and not self._world.forget():
+        if rebuild and not self._world.restore():
             self._rebuild()
         self._world.put(q, dq, base)
-        return self._begin(np.array(q, dtype=float), np.array(dq, dtype=float), tick, integral)
+        return self._start(np.array(q, dtype=float), np.array(dq, dtype=float), tick, integral)
 
     # ---- one control period ------------------------------------------------------
 
@@ -236,7 +236,7 @@ class Simulation:
         self._tick, self._step = self._tick + 1, self._step + self._steps
         return self._measure(rows)
 
-    def follow(self, orders: Orders) -> Iterator[RobotState]:
+    def follow(self, sequence: CommandSequence) -> Iterator[RobotState]:
         """Simulate a precomputed command sequence; yields the readings before each command.
 
         Equivalent to calls of `step`, but one compiled call if the loop is compiled: then
@@ -244,18 +244,18 @@ class Simulation:
         the end. After leaving the iteration early, call `reset`.
 
         Args:
-            orders: Commands, a row for each control period.
+            sequence: Commands, a row for each control period.
 
         Raises:
             DivergedError: The state is no longer finite after the last yielded row.
         """
         loop = self._loop
-        if isinstance(loop, Stepwise) or not all(np.isfinite(part).all() for part in orders[:3]):
-            yield from self._stepped(orders.held())
+        if isinstance(loop, Stepwise) or not all(np.isfinite(part).all() for part in sequence[:3]):
+            yield from self._stepped(sequence.held())
             return
         power = self._drive.supply, self._drive.on
-        q, dq = self.robot.coupled(orders.q, orders.dq)
-        commands = orders._replace(q=q, dq=dq).table(self.robot, self._steps, power)
+        q, dq = self.robot.coupled(sequence.q, sequence.dq)
+        commands = sequence._replace(q=q, dq=dq).table(self.robot, self._steps, power)
         rows, done, memory_rows = loop.run(*commands, self._step)
         values, touches, verdicts = self._readings(rows)
         for k, verdict in enumerate(verdicts):
@@ -263,7 +263,7 @@ class Simulation:
             self._tick, self._step = self._tick + 1, self._step + self._steps
             if k >= done:
                 raise DivergedError(f"the physics diverged by t = {self._tick * self.dt:.3f} s")
-            loop.recall(memory_rows, k + 1)
+            loop.restore_memory(memory_rows, k + 1)
             self._row = rows[k + 1]
             self._sense(values[k], touches[k], verdict)
 
@@ -272,15 +272,15 @@ class Simulation:
         """The loop of the physics steps, valid until the next reset."""
         return self._loop
 
-    def _stepped(self, orders: Orders) -> Iterator[RobotState]:
+    def _stepped(self, inputs: CommandSequence) -> Iterator[RobotState]:
         """As `follow`, by calls of `step`."""
-        for k, (q, dq, tau) in enumerate(zip(*orders[:3], strict=True)):
+        for k, (q, dq, tau) in enumerate(zip(*inputs[:3], strict=True)):
             yield self._state
-            if orders.power is not None:
-                self.power(*orders.power[k])
+            if inputs.power is not None:
+                self.power(*inputs.power[k])
             head = self._tick, self._tick * self.dt
             self.step(
-                MotionCommand(*head, q, dq), TrunkTorque(*head, tau, np.zeros(6), orders.stance[k])
+                MotionCommand(*head, q, dq), TrunkTorque(*head, tau, np.zeros(6), inputs.stance[k])
             )
 
     def power(self, supply: float = 1.0, on: float = 1.0) -> None:
@@ -321,7 +321,7 @@ class Simulation:
                 f"the simulated state is not finite at t = {t:.3f} s: gains too large for the "
                 "physics rate, or an effect out of proportion"
             )
-        if verdict == FALLEN and self.fallen is None:
+        if verdict == FALL and self.fallen is None:
             self.fallen = fall_reason(values, self.robot.fall)
         self._exact, state = values, robot_state(self._tick, t, values, touches)
         if self._sensors:
@@ -396,7 +396,7 @@ def periods(dt: float, rate: float) -> int:
     return round(steps)
 
 
-def ending(t: float, distance: float | None) -> str:
+def end_text(t: float, distance: float | None) -> str:
     """Message at the end of a run of t [s] over a distance [m]; distance None for a bench."""
     if distance is None:
         return f"{t:.1f} s simulated"

@@ -16,7 +16,7 @@ from ..world.world import World
 HOOKS = "on_command", "on_motor", "on_drive", "on_torque", "on_brake", "on_step"
 
 
-def seen(world: World, q: Sequence[float], dq: Sequence[float], forces: Sequence[float]):
+def sensor_row(world: World, q: Sequence[float], dq: Sequence[float], forces: Sequence[float]):
     """State of a world as a row of `sensing.readings`.
 
     Args:
@@ -83,22 +83,22 @@ class Stepwise:
         if self._mean:
             grf = [force / self._steps for force in grf]
         tau = [added(steps) / self._steps for steps in zip(*taus, strict=True)]
-        return np.array((before, seen(world, *self._joints, tau + grf)))
+        return np.array((before, sensor_row(world, *self._joints, tau + grf)))
 
     def _damped_step(self, damped: DampedDrives) -> list[float]:
         """One physics step with implicit damping; the torques that acted [N·m], (n,)."""
         t = self._step * self._dt
-        self._told(t)
+        self._send_command(t)
         self._acted(t)
         tau, law = damped.laws(*self._joints)
         acted = self._world.damped_step(tau, law)
         self._joints = self._world.joint_states()
-        return damped.given(tau, *acted)
+        return damped.delivered(tau, *acted)
 
     def _affected_torque(self, q: list[float], dq: list[float]) -> list[float]:
         """Joint torques of this physics step with all active effects [N·m], (n,)."""
         t = self._step * self._dt
-        self._told(t)
+        self._send_command(t)
         state = np.array(q), np.array(dq)
         drive_tau: list[np.ndarray] = []  # drive torques after effects
 
@@ -110,11 +110,11 @@ class Stepwise:
         if self._on_torque:
             tau = self._passed(self._on_torque, np.array(tau), *state, t).tolist()
         if self._on_brake:
-            self._braked(drive_tau[0], *state, t)
+            self._brake(drive_tau[0], *state, t)
         self._acted(t)
         return tau
 
-    def _told(self, t: float) -> None:
+    def _send_command(self, t: float) -> None:
         """Pass the command to the drives, as changed by effects."""
         step, drive = self._step, self._drive
         if self._on_command:
@@ -130,12 +130,12 @@ class Stepwise:
             if start <= self._step < stop:
                 act(self._world, t)
 
-    def _motors(self, rows: np.ndarray, asked: np.ndarray, speed: np.ndarray) -> np.ndarray:
+    def _motors(self, rows: np.ndarray, duty: np.ndarray, speed: np.ndarray) -> np.ndarray:
         """Motor parameter rows in this physics step, with all active effects."""
         step, dt = self._step, self._dt
         for start, stop, change in self._on_motor:
             if start <= step < stop:
-                rows = change(rows, asked, speed, dt, step * dt)
+                rows = change(rows, duty, speed, dt, step * dt)
         return rows
 
     def _passed(
@@ -147,7 +147,7 @@ class Stepwise:
                 tau = change(tau, q, dq, self._dt, t)
         return tau
 
-    def _braked(self, tau: np.ndarray, q: np.ndarray, dq: np.ndarray, t: float) -> None:
+    def _brake(self, tau: np.ndarray, q: np.ndarray, dq: np.ndarray, t: float) -> None:
         """Apply the friction of active effects, from the torques of the drives."""
         budget = np.zeros(len(tau))
         for start, stop, brake in self._on_brake:

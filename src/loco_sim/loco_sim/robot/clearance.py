@@ -22,10 +22,10 @@ SPACE = 0.1  # distance to the ground below all poses of a bolted robot without 
 def base_height(description: Description, folder: Path) -> float | None:
     """Height of the base at which no pose touches the ground [m]; None if a shape is unknown."""
     lowest = clearance(description, 0.0, folder)
-    return raised(lowest) if lowest > -math.inf else None
+    return height_above(lowest) if lowest > -math.inf else None
 
 
-def raised(lowest: float, space: float = SPACE) -> float:
+def height_above(lowest: float, space: float = SPACE) -> float:
     """Base height [m], in tenths, with `space` below the lowest point relative to the base [m]."""
     return float(np.ceil(10.0 * (space - min(0.0, lowest))) / 10.0)
 

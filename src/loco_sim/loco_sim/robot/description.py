@@ -399,7 +399,7 @@ class Description:
         origin, tensor = inertial.find("origin"), inertial.find("inertia")
         if origin is None:
             origin = ET.SubElement(inertial, "origin", xyz="0 0 0")
-        if _turned(origin):
+        if _is_rotated(origin):
             turn = fixed_axes(np.array([float(v) for v in origin.attrib.pop("rpy").split()]))
             inertia = turn @ self.inertia_of(link) @ turn.T
             for key, value in zip(TENSOR, inertia[np.triu_indices(3)], strict=True):
@@ -443,5 +443,5 @@ def _moved(origin: ET.Element, x: float) -> ET.Element:
     return ET.Element("origin", {**origin.attrib, "xyz": f"{at[0] + x!r} {at[1]!r} {at[2]!r}"})
 
 
-def _turned(origin: ET.Element) -> bool:
+def _is_rotated(origin: ET.Element) -> bool:
     return any(float(v) != 0.0 for v in origin.get("rpy", "0 0 0").split())

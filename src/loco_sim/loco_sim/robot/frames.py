@@ -70,17 +70,17 @@ def zero_frames(description: Any) -> dict[str, Frames]:
     return {link: (rotation[0], origin[0]) for link, (rotation, origin) in by_name.items()}
 
 
-def _frame(link: str, parent: dict, columns: dict, ticks: int, known: dict[str, Frames]) -> Frames:
+def _frame(link: str, parent: dict, columns: dict, ticks: int, done: dict[str, Frames]) -> Frames:
     """Frame of a link, from that of its parent and the joint between them."""
-    if link in known:
-        return known[link]
+    if link in done:
+        return done[link]
     if link not in parent:
         frame = np.broadcast_to(np.eye(3), (ticks, 3, 3)), np.zeros((ticks, 3))
     else:
         joint = parent[link]
-        before = _frame(joint.find("parent").get("link"), parent, columns, ticks, known)
+        before = _frame(joint.find("parent").get("link"), parent, columns, ticks, done)
         frame = _moved(before, joint, columns.get(joint.get("name"), np.zeros(ticks)))
-    known[link] = frame
+    done[link] = frame
     return frame
 
 

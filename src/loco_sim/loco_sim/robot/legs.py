@@ -76,11 +76,11 @@ def names(section: Any, description: Description, where: str) -> tuple[tuple, tu
     return tuple(joints), tuple(feet)
 
 
-def _same_keys(section: Mapping, wanted: tuple[str, ...], where: str) -> None:
+def _same_keys(section: Mapping, expected: tuple[str, ...], where: str) -> None:
     for key in section:
-        if key not in wanted:
-            raise NameUnknownError(f"key in {where}", str(key), wanted)
-    missing = [key for key in wanted if key not in section]
+        if key not in expected:
+            raise NameUnknownError(f"key in {where}", str(key), expected)
+    missing = [key for key in expected if key not in section]
     if missing:
         raise ParameterError(f"{where} needs {', '.join(missing)} too")
 
@@ -157,19 +157,19 @@ def _axis(description: Description, frames: Mapping, joint: str) -> tuple[np.nda
     return rotation @ axis / np.linalg.norm(axis), origin
 
 
-def _along(leg: str, joint: str, axis: np.ndarray, wanted: int) -> float:
+def _along(leg: str, joint: str, axis: np.ndarray, index: int) -> float:
     """Sign of a joint's axis along x (0) or y (1) of the base, +1 or -1.
 
     Raises:
         ParameterError: The axis of the joint is not parallel to that axis.
     """
-    if abs(axis[wanted]) < math.cos(TILT):
+    if abs(axis[index]) < math.cos(TILT):
         raise ParameterError(
-            f"leg {leg}: joint {joint} must turn about {'xy'[wanted]} of the base at the zero pose "
+            f"leg {leg}: joint {joint} must turn about {'xy'[index]} of the base at the zero pose "
             f"(x forward, z up), it turns about {np.round(axis, 3).tolist()}: the gait knows legs "
             "of HAA about x, then HFE and KFE about y"
         )
-    return float(np.sign(axis[wanted]))
+    return float(np.sign(axis[index]))
 
 
 def _foot(description: Description, frames: Mapping, link: str) -> np.ndarray:
@@ -192,11 +192,11 @@ def _check_chain(description: Description, leg: str, joints: tuple, foot: str) -
 
 
 def _angles(
-    description: Description, joint: str, standing: float, known: bool
+    description: Description, joint: str, standing: float, is_known: bool
 ) -> tuple[float, float, float]:
     """Standing or central angle of a joint, and its smallest and largest angle [rad]."""
     low, high = description.limits(joint)
-    if known:
+    if is_known:
         return standing, low, high
     return (0.5 * (low + high) if math.isfinite(low + high) else 0.0), low, high
 

@@ -252,24 +252,24 @@ def _with_locked(values: dict[str, Any], description: Description, path: Path) -
             raise ParameterError(f"{path}: {LOCKED}: {joint} is a joint of a leg, which cannot be")
     locked = dict(locked)
     followers = _followers(description, tuple(types))
-    while more := {
+    while added := {
         joint: factor * locked[leader] + offset
         for joint, (leader, factor, offset) in followers.items()
         if leader in locked and joint not in locked
     }:
-        locked |= more
+        locked |= added
     for joint, position in locked.items():
         description.lock(joint, float(position))
     joints = values["joints"]
     moving = [joint not in locked for joint in joints]
-    kept = {LOCKED: locked, "joints": [joint for joint in joints if joint not in locked]}
+    remaining = {LOCKED: locked, "joints": [joint for joint in joints if joint not in locked]}
     if values.get("standing"):
-        kept["standing"] = _standing(values["standing"], len(joints))[moving].tolist()
+        remaining["standing"] = _standing(values["standing"], len(joints))[moving].tolist()
     for section in equipment.BY_JOINT:
         entries = values.get(section) or {}
         if isinstance(entries, dict):
-            kept[section] = {key: entry for key, entry in entries.items() if key not in locked}
-    return {**values, **kept}
+            remaining[section] = {key: entry for key, entry in entries.items() if key not in locked}
+    return {**values, **remaining}
 
 
 def _followers(
@@ -286,7 +286,7 @@ def _followers(
 def _text(urdf: Path) -> str:
     """Text of a URDF, without bytes around it that XML parsers refuse."""
     return (
-        read_bytes(urdf, "URDF", urdf_check.MOST)
+        read_bytes(urdf, "URDF", urdf_check.MAX_SIZE)
         .decode(errors="replace")
         .strip("\0\ufeff")
         .lstrip()
@@ -390,10 +390,10 @@ def _with_legs(
     return {**values, **ordered}, legs
 
 
-def _not_of_legs(key: str, listed: list[str], wanted: tuple[str, ...]) -> str:
+def _not_of_legs(key: str, listed: list[str], expected: tuple[str, ...]) -> str:
     """Message on missing and extra names of a list compared with the legs, with the remedy."""
-    extra = [name for name in listed if name not in wanted]
-    missing = [name for name in wanted if name not in listed]
+    extra = [name for name in listed if name not in expected]
+    missing = [name for name in expected if name not in listed]
     if extra:
         cure = "fix it in the URDF, or take `legs` out" if key == "joints" else "take it out"
         return f"{key} must be those of legs, {', '.join(extra)} is none of them: {cure}"

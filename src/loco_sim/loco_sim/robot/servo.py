@@ -182,9 +182,9 @@ class TorqueDrive(Sampled):
         0.0, "torque lost per velocity, where a voltage is told", "N·m·s/rad", low=0.0, high=1e6
     )
 
-    def motor_torque(self, told: np.ndarray, speed: np.ndarray | float) -> np.ndarray:
+    def motor_torque(self, commanded: np.ndarray, speed: np.ndarray | float) -> np.ndarray:
         """Torque [N·m] by a command and the velocity of the joint [rad/s], (T,), without limit."""
-        return self.gain * told + self.bias - self.slope * speed
+        return self.gain * commanded + self.bias - self.slope * speed
 
     def row(self, effort: float) -> tuple[float, ...]:
         """Parameter row for the kernels, (COLUMNS,)."""

@@ -23,7 +23,7 @@ from dataclasses import dataclass
 from loco_control.exceptions import ParameterError
 from loco_control.params import Params, parameter
 
-KINDS = ("linear", "pretension", "torsion")
+SPRING_TYPES = ("linear", "pretension", "torsion")
 LINEAR, PRETENSION = 1.0, 2.0  # kind of spring, first column of a row
 COLUMNS = 7
 
@@ -36,7 +36,7 @@ class SpringParams(Params):
         "linear",
         "linear: -stiffness (q - rest); pretension: the exact knee spring; torsion: its linear "
         "equivalent",
-        choices=KINDS,
+        choices=SPRING_TYPES,
     )
     stiffness: float = parameter(
         0.0,

@@ -26,7 +26,7 @@ from ..meshes.read import load
 MOVING = ("revolute", "continuous", "prismatic")
 TYPES = (*MOVING, "fixed")
 TENSOR = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
-MOST = 64 * 2**20  # largest size of a URDF [bytes]
+MAX_SIZE = 64 * 2**20  # largest size of a URDF [bytes]
 LARGEST = 1e9  # largest mass [kg], inertia [kg·m²] and length [m]
 SMALLEST = 1e-12  # smallest mass other than 0 [kg]
 ROUNDING = 1e-6  # tolerance of the triangle inequality of moments, share of the largest one
@@ -211,9 +211,9 @@ def _joint_numbers(joint: ET.Element) -> Iterator[str]:
         for key in () if element is None else keys:
             text = element.get(key)
             value = 0.0 if text is None else _number(text)
-            most = LARGEST if tag == "dynamics" else math.inf
-            if not 0.0 <= value <= most:
-                yield f"{what}: {key} must be a number of at least 0, below {most:g}, got {text!r}"
+            upper = LARGEST if tag == "dynamics" else math.inf
+            if not 0.0 <= value <= upper:
+                yield f"{what}: {key} must be a number of at least 0, below {upper:g}, got {text!r}"
     limit = joint.find("limit")
     if limit is None and kind != "continuous":
         yield f"{what} is of type {kind!r} and needs a <limit>; `loco robot new` gives it one"

@@ -81,7 +81,7 @@ class DriverNode(JointPlantNode):
 
     def _on_commands(self, command: MotionCommand, trunk: TrunkTorque | None) -> None:
         super()._on_commands(command, trunk)
-        if self._deadlines and not self._finished and command.tick == self.state.tick:
+        if self._deadlines and not self._has_ended and command.tick == self.state.tick:
             self._act()
 
     def _step(self, tick: int) -> None:
@@ -126,8 +126,8 @@ class DriverNode(JointPlantNode):
         if self._estop.reason:
             self.sim.limp()
 
-    def _finish(self, text: str) -> None:
-        super()._finish(text)
+    def _end_run(self, text: str) -> None:
+        super()._end_run(text)
         self._limp = True
         self.sim.limp()
 
@@ -136,7 +136,7 @@ class DriverNode(JointPlantNode):
         counts = {**(self._safety.limited if self._safety else {}), "servo": self.sim.clipped}
         for kind in {k for k, n in counts.items() if n} - self._limited:
             self._limited.add(kind)
-            self.event("clipped", f"command brought back to the limit of {kind}", *self.now())
+            self.event("clipped", f"command brought back to the limit of {kind}", *self.stamp())
 
     def diagnose(self) -> dict[str, Any]:
         """Values of every plant node, and lost answers of the bus."""

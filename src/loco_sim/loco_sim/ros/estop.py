@@ -67,12 +67,12 @@ class Heartbeat:
 
     def __init__(self, node: LocoNode, longest: float, engage: Callable[[str], None]):
         self._longest, self._engage = longest, engage
-        self._last = math.inf  # wall time of the last beat; not monitored before `begin`
+        self._last = math.inf  # wall time of the last beat; not monitored before `start`
         node.input("heartbeat", self._on_beat)
         if longest:
             node.create_timer(longest / 4.0, self._check)
 
-    def begin(self) -> None:
+    def start(self) -> None:
         """Start monitoring, when the robot may move."""
         self._last = time.monotonic()
 

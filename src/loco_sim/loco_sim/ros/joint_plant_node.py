@@ -15,7 +15,7 @@ from .encoders import encoders
 from .plant_node import PlantNode
 
 EACH_TICK = ("joint_states", "imu/data", "ground_truth/odom")  # controllers wait for the first two
-ALONE = ("/tf", "/clock")  # omitted in a namespace: would collide with other robots
+GLOBAL_TOPICS = ("/tf", "/clock")  # omitted in a namespace: would collide with other robots
 
 
 class JointPlantNode(PlantNode):
@@ -29,7 +29,7 @@ class JointPlantNode(PlantNode):
 
     def _open(self) -> None:
         """Create outputs, then inputs, and announce the node."""
-        names = [*EACH_TICK, *(ALONE if self.get_namespace() == "/" else ())]
+        names = [*EACH_TICK, *(GLOBAL_TOPICS if self.get_namespace() == "/" else ())]
         self._outputs_by_topic = {name: self.raw_output(name) for name in names}
         self._encode()
         self._description = self.output("robot_description")
@@ -65,9 +65,9 @@ class JointPlantNode(PlantNode):
 
     def send(self, state: RobotState) -> None:
         """Publish sensor readings and ground truth with the same stamp."""
-        self._tell(state, self.sim.ground_truth())
+        self._publish_rows(state, self.sim.ground_truth())
 
-    def _tell(self, state: RobotState, truth: GroundTruth) -> None:
+    def _publish_rows(self, state: RobotState, truth: GroundTruth) -> None:
         for publish, encode in self._rows:
             publish(encode(state, truth))
         if self._adc:

@@ -24,7 +24,7 @@ from loco_control.types import MotionCommand, RobotState, TrunkTorque
 
 from ..params import SimParams
 from ..plant import model as models
-from ..plant.simulation import Simulation, ending
+from ..plant.simulation import Simulation, end_text
 from ..robot import robot as robots
 from .joint_plant_node import JointPlantNode
 
@@ -90,34 +90,34 @@ class JointSimNode(JointPlantNode):
                 self.get_logger().error(traceback.format_exc())
             reason = str(error) if isinstance(error, LocoError) else f"{type(error).__name__}"
             self.refuse("model", reason)
-            self.event("model refused", reason, *self.now())
+            self.event("model refused", reason, *self.stamp())
             return
         self._make_safety()
         self._encode()
-        self._from = self.now()[0]
+        self._from = self.stamp()[0]
         self._travelled, self._x = self._travelled + self._x, 0.0
         old.close()
         self._description.publish(String(data=self.sim.robot_description))
-        self.event("model loaded", _summary(model), *self.now())
+        self.event("model loaded", _summary(model), *self.stamp())
 
     def send(self, state: RobotState) -> None:
         """Publish sensor readings and ground truth with the same stamp."""
         truth = self.sim.ground_truth()
         self._x = truth.position[0]
-        self._tell(state, truth)
+        self._publish_rows(state, truth)
 
-    def ending(self) -> str:
+    def end_text(self) -> str:
         """Message at the end of the run."""
         fixed = self.sim.robot.fixed_base
-        return ending(self.state.t, None if fixed else self._travelled + self._x)
+        return end_text(self.state.t, None if fixed else self._travelled + self._x)
 
 
-def model_of(text: str, own: Collection[Path], folders: Sequence[str]) -> models.Model:
+def model_of(text: str, permitted: Collection[Path], folders: Sequence[str]) -> models.Model:
     """Model from the text or path of a ``model.yaml`` received over the network.
 
     Args:
         text: The text, or one line that ends in ``.yaml``.
-        own: Robot files given by the operator, to which a model may refer.
+        permitted: Robot files given by the operator, to which a model may refer.
         folders: Folders below which other robot and model files must lie.
 
     Raises:
@@ -128,7 +128,7 @@ def model_of(text: str, own: Collection[Path], folders: Sequence[str]) -> models
     values = parse_yaml(text, "the model", max_size=MOST_MODEL)
     if isinstance(values, dict):
         named = str(values.get("robot"))
-        if named not in robots.names() and not _is_one_of(named, own):
+        if named not in robots.names() and not _is_one_of(named, permitted):
             values["robot"] = str(allowed(named, folders, "robot"))
         overrides = values.get("overrides")
         for key, value in overrides.items() if isinstance(overrides, dict) else ():
@@ -137,9 +137,9 @@ def model_of(text: str, own: Collection[Path], folders: Sequence[str]) -> models
     return models.from_values(values, Path("model.yaml"))
 
 
-def _is_one_of(name: str, own: Collection[Path]) -> bool:
+def _is_one_of(name: str, permitted: Collection[Path]) -> bool:
     try:
-        return Path(name).resolve() in own
+        return Path(name).resolve() in permitted
     except (OSError, ValueError, RuntimeError):  # not a path
         return False
 

@@ -126,7 +126,7 @@ class MsdSimNode(PlantNode):
         if self._clock_output:
             self._clock_output.publish(Clock(clock=to_stamp(state.t)))
 
-    def ending(self) -> str:
+    def end_text(self) -> str:
         """Message on the state at the end."""
         return f"{self.state.t:.1f} s simulated, {self.sim.distance:.2f} m forward"
 

@@ -35,11 +35,11 @@ from .estop import EmergencyStop, Heartbeat
 __all__ = ["CLOCKS", "PlantNode", "TickParams"]
 
 FIRST = 2  # first ticks of clock realtime, which wait for commands while kernels are loaded
-PATIENCE = 1.0  # longest wait of the first ticks [s]
+START_TIMEOUT = 1.0  # longest wait of the first ticks [s]
 GRACE = 1.0  # time for a valid command after an unreadable one, perhaps of another graph [s]
-LOOK = 1.0  # period of checks for other writers, whose messages may displace those of the graph [s]
-BESIDE = 10.0  # time after the end of another writer in which ticks may be lost [s]
-NUDGE = 0.1  # wall time between steps in the safe state while a controller restarts [s]
+CHECK_PERIOD = 1.0  # period of checks for other writers, which may displace messages [s]
+GRACE_PERIOD = 10.0  # time after the end of another writer in which ticks may be lost [s]
+SAFE_STEP_PERIOD = 0.1  # wall time between steps in the safe state while a controller restarts [s]
 
 
 class PlantNode(LocoNode):
@@ -79,13 +79,13 @@ class PlantNode(LocoNode):
             )
         self._recorder_tick = -1
         self._held: RobotState | None = None
-        self.started = self._finished = False
-        self._nudges: Any = None  # timer, while a controller restarts
+        self.started = self._has_ended = False
+        self._safe_timer: Any = None  # timer, while a controller restarts
         self._reported = (0, 0, 0)  # ticks, late ticks, refused commands at the last report
         self._late, self._published, self._began = 0, -1, time.perf_counter()
         self._deadlines: Deadlines | None = None  # used by clock realtime
-        self._silent = False
-        self._looked_at, self._beside = -1, -math.inf  # tick of last check; last other writer [s]
+        self._is_silent = False
+        self._looked_at, self._other_writer_at = -1, -math.inf  # tick of last check; time [s]
         self._unreadable = -1, ""  # tick and error of an unreadable command
         self._grace: Any = None  # timer, while a valid one may still arrive
         self._commands: tuple[MotionCommand, TrunkTorque | None] | None = None  # newest commands
@@ -94,7 +94,7 @@ class PlantNode(LocoNode):
         self._make_safety()
         self.input("events", self._on_event)
         self.input("recorder_status", self._on_recorder)
-        self.create_timer(LOOK, self._look_beside)
+        self.create_timer(CHECK_PERIOD, self._look_beside)
 
     def _make_safety(self) -> None:
         """Create the limits and the safe state of the current robot."""
@@ -121,7 +121,7 @@ class PlantNode(LocoNode):
             step: Step, as in `join_by`.
             tick_of: Tick of a message, as in `join_by`; `newest` has the same unit.
         """
-        self._join = self.join_by(readers, step, tick_of, self.newest, self._refuse)
+        self._join = self.join_by(readers, step, tick_of, self.newest, self._reject)
 
     def newest(self) -> int:
         """Newest published tick, which a command may answer; -1 before the first."""
@@ -144,8 +144,8 @@ class PlantNode(LocoNode):
         self.state, self.started = self.sim.reset(), True
         self._began = self._paced_at = time.perf_counter()
         self.event("started", f"clock {self.tick.clock}", 0, 0.0)
-        self._patient_until = time.monotonic() + PATIENCE
-        self._heartbeat.begin()
+        self._patient_until = time.monotonic() + START_TIMEOUT
+        self._heartbeat.start()
         self._publish(self.state)
 
     def _resume(self, node: str) -> None:
@@ -155,14 +155,14 @@ class PlantNode(LocoNode):
         commands arrive.
         """
         self.event("resumed", f"{node} is back", self.state.tick, self.state.t)
-        if not self.timed and self._nudges is None:
+        if not self.timed and self._safe_timer is None:
             self._stuck_at = self.state.tick
-            self._nudges = self.create_timer(NUDGE, self._nudge)
+            self._safe_timer = self.create_timer(SAFE_STEP_PERIOD, self._step_safely)
 
-    def _nudge(self) -> None:
-        if self._finished or self.state.tick > self._stuck_at + 1:
-            self._nudges.cancel()
-            self._nudges = None
+    def _step_safely(self) -> None:
+        if self._has_ended or self.state.tick > self._stuck_at + 1:
+            self._safe_timer.cancel()
+            self._safe_timer = None
         elif self._held is None:
             self._stuck_at = self.state.tick
             self._arrive(self.advance(*self._safe()))
@@ -174,12 +174,12 @@ class PlantNode(LocoNode):
             self._commands = (command, trunk)
         elif self.timed and command.tick >= FIRST:
             self._commands = (command, trunk)
-            self._begin()
-        elif not self._finished and command.tick == self.state.tick:
+            self._start_run()
+        elif not self._has_ended and command.tick == self.state.tick:
             self._commands = (command, trunk)
             self._step(command.tick)
 
-    def _refuse(self, reason: str) -> None:
+    def _reject(self, reason: str) -> None:
         """Treat an invalid command as missing; `reason` is "" unless its form is wrong."""
         if not reason and self._join.done == self.newest():
             self._on_lost(UInt64(data=self.state.tick))
@@ -197,13 +197,13 @@ class PlantNode(LocoNode):
         self._grace = None
         tick, reason = self._unreadable
         replaced = self._commands is not None and self._commands[0].tick >= tick
-        if not (replaced or self._finished or self._strangers()):
-            self.event("error", reason, *self.now())
+        if not (replaced or self._has_ended or self._strangers()):
+            self.event("error", reason, *self.stamp())
             raise GraphError(reason)
 
     def _on_lost(self, lost: UInt64) -> None:
         """Handle a lost tick, which gets no command: step now, except with clock realtime."""
-        if self.started and not self.timed and not self._finished:
+        if self.started and not self.timed and not self._has_ended:
             self._step(lost.data)
 
     def _look_beside(self) -> None:
@@ -213,36 +213,36 @@ class PlantNode(LocoNode):
         is done only if there is, or recently was, another writer.
         """
         if any(self._has_stranger(row.name) for row in self.table.values() if row.paced):
-            self._beside = time.monotonic()
+            self._other_writer_at = time.monotonic()
         waited = self.started and self._looked_at == self.state.tick
-        if waited and not self.timed and time.monotonic() - self._beside < BESIDE:
+        if waited and not self.timed and time.monotonic() - self._other_writer_at < GRACE_PERIOD:
             self._on_lost(UInt64(data=self.state.tick))
-        self._looked_at = self.now()[0]
+        self._looked_at = self.stamp()[0]
 
     def _has_stranger(self, name: str) -> bool:
         name = self.resolve_topic_name(name)
         return self.count_publishers(name) > 1 and bool(strangers(self, name, self._host()))
 
-    def now(self) -> tuple[int, float]:
+    def stamp(self) -> tuple[int, float]:
         """Tick and simulated time [s]."""
         return (self.state.tick, self.state.t) if self.started else (0, 0.0)
 
     @property
     def deadline(self) -> float:
         """Time at which the next tick is due in clock realtime [s]."""
-        if not self.timed or not self.started or self._finished:
+        if not self.timed or not self.started or self._has_ended:
             return math.inf
         return self._deadlines.next if self._deadlines else self._patient_until
 
     def on_deadline(self) -> None:
         """Step the due ticks in clock realtime, with the newest commands."""
         if self._deadlines is None:
-            self._begin()
+            self._start_run()
         for _ in range(self._deadlines.due()):
-            if not self._finished:
+            if not self._has_ended:
                 self._step(self.state.tick)
 
-    def _begin(self) -> None:
+    def _start_run(self) -> None:
         self._began = time.perf_counter() - self.state.t
         self._deadlines = Deadlines(self.rate, self.tick.catch_up)
 
@@ -262,10 +262,10 @@ class PlantNode(LocoNode):
         is_silent = (tick - last) / self.rate > self.tick.command_timeout
         if is_silent and self._commands and self.tick.late == "safe-stop":
             self._estop.engage(f"no command since tick {last}")
-        if is_silent != self._silent and self._commands:
+        if is_silent != self._is_silent and self._commands:
             text = "no command since tick" if is_silent else "commands are back at tick"
-            self.event("timeout", f"{text} {last}", *self.now())
-        self._silent = is_silent
+            self.event("timeout", f"{text} {last}", *self.stamp())
+        self._is_silent = is_silent
         if self._estop.reason or is_silent or not self._commands:
             return self._safe()
         self._fallback.reset()
@@ -283,7 +283,7 @@ class PlantNode(LocoNode):
         return self._fallback.command(self.state)
 
     def _on_estop(self, kind: str, text: str) -> None:
-        self.event(kind, text, *self.now())
+        self.event(kind, text, *self.stamp())
 
     def _arrive(self, state: RobotState) -> None:
         """Handle the new state after a tick: check it, and publish it or end the run."""
@@ -302,12 +302,12 @@ class PlantNode(LocoNode):
         s, fall_reason = self.state, self.sim.fallen
         if fall_reason and self.tick.stop_on_fall:
             self.event("fall", fall_reason, s.tick, s.t)
-            self._finish(f"fell at {s.t:.2f} s: {fall_reason}")
+            self._end_run(f"fell at {s.t:.2f} s: {fall_reason}")
         elif self._last is not None and s.tick >= self._last:
-            self._finish(self.ending())
-        return self._finished
+            self._end_run(self.end_text())
+        return self._has_ended
 
-    def ending(self) -> str:
+    def end_text(self) -> str:
         """Message at the end of the run."""
         return f"{self.state.t:.1f} s simulated"
 
@@ -315,7 +315,7 @@ class PlantNode(LocoNode):
         return state.tick - self._recorder_tick > self.tick.flow_window
 
     def _on_recorder(self, status: RecorderStatus) -> None:
-        if status.tick > self.now()[0]:
+        if status.tick > self.stamp()[0]:
             self.refuse("recorder_status", f"tick {status.tick} has not come yet")
             return
         # A recorder never goes back: a lower tick comes from another publisher, directly or through
@@ -336,8 +336,8 @@ class PlantNode(LocoNode):
         self._paced_at += 1.0 / (self.rate * self.tick.speed)
         time.sleep(max(0.0, self._paced_at - time.perf_counter()))
 
-    def _finish(self, text: str) -> None:
-        self._finished = True
+    def _end_run(self, text: str) -> None:
+        self._has_ended = True
         self.publish_diagnostics()
         self.event("finished", text, self._published, self.state.t)
         if self.tick.leave:  # other nodes receive the end before the process exits
@@ -355,7 +355,7 @@ class PlantNode(LocoNode):
         counts = (self.state.tick, self._late, n_rejected)
         ticks, late, rejected = (a - b for a, b in zip(counts, self._reported, strict=True))
         self._reported = counts
-        values: dict[str, Any] = {"silence": 0.0} if self._finished else {}
+        values: dict[str, Any] = {"silence": 0.0} if self._has_ended else {}
         if self._estop.reason:
             values["estop"] = self._estop.reason
         if self._safety:

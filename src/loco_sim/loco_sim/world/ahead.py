@@ -28,15 +28,15 @@ from ..bolted.dynamics import (
     vector,
     workshop,
 )
-from ..drives.servo_kernels import GAIN, LIMIT, PASSIVE, WANTED
+from ..drives.servo_kernels import DEMAND, GAIN, LIMIT, PASSIVE
 from ..geometry import Triple, rotation_matrix
 from ..robot.description import Description
 
-MADE_OF = "35eb402182b2"  # of the called kernels, see tests/loco_sim/test_kernel_caches.py
+MADE_OF = "7cadf317035a"  # of the called kernels, see tests/loco_sim/test_kernel_caches.py
 
 POINT, NORMAL, SPEED, GIVE, FRICTION, TOUCH = 0, 3, 6, 7, 8, 9  # columns of a contact; their number
 SWEEPS = 50  # largest number of iterations over the contacts
-SETTLED = 1e-7  # speed change below which the iterations end [m/s]
+SPEED_TOLERANCE = 1e-7  # speed change below which the iterations end [m/s]
 
 
 class Contact(NamedTuple):
@@ -70,7 +70,7 @@ class Ahead:
         self._tree, self._order, self._frames = tree.build(description, joints, not fixed)
         self._fixed, self._gravity = fixed, np.array(gravity)
         self._joints = np.argsort(self._order)[: len(joints)]
-        self._room = workshop(len(self._order))[:2]
+        self._workspace = workshop(len(self._order))[:2]
 
     def after(
         self,
@@ -105,13 +105,13 @@ class Ahead:
         touch = np.array([(*c.point, *c.normal, *c[3:]) for c in contacts]).reshape(-1, TOUCH)
         result = stepped(
             self._tree, self._gravity, state[:, order], laws[:, order], bodies, touch, dt,
-            self._room,
+            self._workspace,
         )  # fmt: skip
         return result[:, self._joints]
 
 
 @njit(cache=True, error_model="numpy")
-def stepped(tree, gravity, state, law, bodies, touch, dt, room):
+def stepped(tree, gravity, state, law, bodies, touch, dt, workspace):
     """Speeds after a step, and torques of drives at their limit, else NaN, (2, n).
 
     Args:
@@ -122,9 +122,9 @@ def stepped(tree, gravity, state, law, bodies, touch, dt, room):
         bodies: Joint of the body of each contact, (k,).
         touch: Contacts, columns `POINT` to `FRICTION`, (k, TOUCH).
         dt: Step [s].
-        room: First two arrays of `dynamics.workshop`.
+        workspace: First two arrays of `dynamics.workshop`.
     """
-    links, matrix = room
+    links, matrix = workspace
     n, rows = len(law[0]), 3 * len(bodies)
     q, dq, bias = state[0], state[1], np.empty(n)
     dynamics(tree, gravity, q, dq, links, matrix, bias)
@@ -137,7 +137,7 @@ def stepped(tree, gravity, state, law, bodies, touch, dt, room):
                 answer[k, i] = jacobian[k, i]
             slope, drive = law[PASSIVE, i], saturated[i]
             if np.isnan(drive):
-                slope, drive = slope + law[GAIN, i], law[WANTED, i]
+                slope, drive = slope + law[GAIN, i], law[DEMAND, i]
             momentum = dt * (state[2, i] + drive - bias[i])
             for j in range(n):
                 momentum += matrix[i, j] * dq[j]
@@ -148,11 +148,11 @@ def stepped(tree, gravity, state, law, bodies, touch, dt, room):
             solve(tree[0], factor, answer, k)
         speed = answer[rows].copy()
         if rows:
-            impulses = settled(jacobian @ answer[:rows].T, jacobian @ speed, touch)
+            impulses = contact_impulses(jacobian @ answer[:rows].T, jacobian @ speed, touch)
             speed += impulses @ answer[:rows]
         over = False
         for i in range(n):
-            torque = law[WANTED, i] - law[GAIN, i] * speed[i]
+            torque = law[DEMAND, i] - law[GAIN, i] * speed[i]
             if np.isnan(saturated[i]) and abs(torque) > law[LIMIT, i]:
                 saturated[i], over = np.copysign(law[LIMIT, i], torque), True
         if not over:
@@ -186,7 +186,7 @@ def directions(kin, links, bodies, touch):
 
 
 @njit(cache=True, error_model="numpy")
-def settled(answer, speed, touch):
+def contact_impulses(answer, speed, touch):
     """Impulses of the contacts, (3 k,), by Gauss-Seidel sweeps.
 
     Args:
@@ -212,6 +212,6 @@ def settled(answer, speed, touch):
                 impulse[row] = target
                 speed += change * answer[:, row]
                 moved = max(moved, abs(change) * diagonal)
-        if moved <= SETTLED:
+        if moved <= SPEED_TOLERANCE:
             break
     return impulse

@@ -26,18 +26,18 @@ def stopped_per_torque(inertia: np.ndarray, dt: float) -> np.ndarray:
 
 
 @inlined
-def split(budget, dq, slow, both):
+def split(budget, dq, stop_ratio, both):
     """Divide friction into braking torques of the engine's constraints and torques to apply.
 
     Args:
         budget: Friction torque of each joint [N·m], (n,).
         dq: Joint velocities [rad/s], (n,).
-        slow: Values of `stopped_per_torque`, (n,).
+        stop_ratio: Values of `stopped_per_torque`, (n,).
         both: Result: braking torques of the constraints, then torques to apply [N·m], (2, n).
     """
     for j in range(len(budget)):
         both[0, j] = both[1, j] = 0.0
-        if abs(dq[j]) <= slow[j] * budget[j]:
+        if abs(dq[j]) <= stop_ratio[j] * budget[j]:
             both[0, j] = budget[j]
         else:
             both[1, j] = -budget[j] if dq[j] > 0.0 else budget[j]

@@ -54,7 +54,7 @@ def _import_pybullet():
 
 pybullet = _import_pybullet()
 
-FAR = 1e4  # search distance for the ground [m]
+MAX_DISTANCE = 1e4  # search distance for the ground [m]
 DEPTH_SHARE = 0.0  # share of the penetration of a rigid contact that is corrected per step
 HARD = 1e12  # damping that makes a compliant contact rigid again [N·s/m]
 GROUND_FRICTION = 1.0  # PyBullet multiplies it with the robot's
@@ -107,9 +107,9 @@ class World(world.World):
 
     def _load(self, height: float) -> None:
         c, p = self._client, self.params
-        self._slow: np.ndarray | None = None  # until a joint is braked
+        self._stop_ratio: np.ndarray | None = None  # until a joint is braked
         self._drag: list[float] | None = None
-        self._motor = self._still = [0.0] * len(self.robot.joints)
+        self._motor = self._zeros = [0.0] * len(self.robot.joints)
         self._ahead: Ahead | None = None
         c.resetSimulation()
         c.setTimeStep(self.dt)
@@ -136,7 +136,7 @@ class World(world.World):
         self._index()
         self._set_contacts()
 
-    def _given(self) -> Description:
+    def _engine_description(self) -> Description:
         """The robot with rotor inertias added to the driven links, as PyBullet has no armature."""
         if not self.armature:
             return self.description
@@ -249,7 +249,7 @@ class World(world.World):
         """Torques of the springs of hinges [N·m]."""
         if not self.hinges:
             return []
-        springs = zip(self.hinges.values(), self._bent, self._hung, strict=True)
+        springs = zip(self.hinges.values(), self._flex_states, self._hinged, strict=True)
         return [hinges.torque(*each, self.dt) for each in springs]
 
     def _advance(self, tau: list[float]) -> None:
@@ -269,13 +269,13 @@ class World(world.World):
         n, (torque, gain, _, passive) = len(tau), law
         if self._ahead is None:
             names = tuple(self._name[j] for j in self._read)
-            self._ahead = Ahead(self._given(), names, self.robot.fixed_base, self.pull)
+            self._ahead = Ahead(self._engine_description(), names, self.robot.fixed_base, self.pull)
         motion = self.joint_states()
         hinge_tau = self._bending()
         laws, held = np.zeros((4, n + len(hinge_tau))), np.array([*tau, *hinge_tau])
         laws[:, :n] = law
         if hinge_tau:
-            angles, rates = zip(*self._bent, strict=True)
+            angles, rates = zip(*self._flex_states, strict=True)
             motion = (*motion[0], *angles), (*motion[1], *rates)
         after, caps = self._ahead.after(motion, self.base(), held, laws, self._touching(), self.dt)
         speed, caps = after[:n], caps[:n]
@@ -304,15 +304,15 @@ class World(world.World):
         budget as torque limit. A joint that is too fast to be stopped in one step gets the
         full budget as a torque, which is equivalent (`braking`).
         """
-        if self._slow is None:
+        if self._stop_ratio is None:
             if not budget.any():
                 return
             inertia = self.joint_inertia(self.joint_states()[0])
-            self._slow = braking.stopped_per_torque(inertia, self.dt)
+            self._stop_ratio = braking.stopped_per_torque(inertia, self.dt)
             # Otherwise iterations end early and braked joints creep.
             self._client.setPhysicsEngineParameter(solverResidualThreshold=1e-10)
         both = np.empty((2, len(budget)))
-        braking.split(budget, dq, self._slow, both)
+        braking.split(budget, dq, self._stop_ratio, both)
         motor, self._drag = both.tolist()
         if motor != self._motor:
             self._motor = motor
@@ -320,7 +320,7 @@ class World(world.World):
                 self._body,
                 self._joints,
                 pybullet.VELOCITY_CONTROL,
-                targetVelocities=self._still,
+                targetVelocities=self._zeros,
                 forces=motor,
             )
 
@@ -342,7 +342,7 @@ class World(world.World):
         if not self.hinges:
             return q, dq
         n = len(self._joints)
-        self._bent = list(zip(q[n:], dq[n:], strict=True))
+        self._flex_states = list(zip(q[n:], dq[n:], strict=True))
         return q[:n], dq[:n]
 
     def add_ground_forces(self, total: list[float]) -> None:
@@ -407,7 +407,7 @@ class World(world.World):
         lowest: dict[str, Triple] = {}
         # The point nearest to a height field is not the lowest, and the search is slow.
         plane = self._ground if self.terrain is None else self._make_plane()
-        for closest in c.getClosestPoints(self._body, plane, FAR):
+        for closest in c.getClosestPoints(self._body, plane, MAX_DISTANCE):
             name, point = names[closest[3]], closest[5]
             if name not in lowest or point[2] < lowest[name][2]:
                 lowest[name] = point

@@ -28,7 +28,7 @@ GREY = (0.72, 0.74, 0.77)  # of shapes without a colour
 AMBIENT, DIFFUSE = 0.62, 0.45  # intensities of ambient and directional light
 THIN = 1e-3  # smallest radius and length of a drawn stick [m]
 WATER = 1000.0  # density of the balls that represent masses [kg/m³]
-NEAR = 1e-3  # near plane: triangles with a corner behind it are not drawn
+NEAR_PLANE = 1e-3  # near plane: triangles with a corner behind it are not drawn
 
 
 class Figure:
@@ -211,7 +211,7 @@ def rasterise(clip, paint, width, height):
         clipped = False
         for k in range(3):
             w = clip[i, k, 3]
-            if w < NEAR:
+            if w < NEAR_PLANE:
                 clipped = True
                 break
             x[k] = (0.5 + 0.5 * clip[i, k, 0] / w) * width - 0.5

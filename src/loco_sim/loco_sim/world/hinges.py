@@ -7,17 +7,17 @@ import numpy as np
 from numba import njit
 
 
-def felt(mass: np.ndarray, own: list[int], free: list[int]) -> np.ndarray:
+def felt(mass: np.ndarray, coordinates: list[int], free: list[int]) -> np.ndarray:
     """Effective inertia of some coordinates while others move freely, (n, n).
 
     M_qq - M_qb M_bb^-1 M_bq.
 
     Args:
         mass: Mass matrix of all coordinates [kg·m²], (m, m).
-        own: Indices of the n coordinates.
+        coordinates: Indices of the n coordinates.
         free: Indices of the freely moving coordinates.
     """
-    joints, cross = mass[np.ix_(own, own)], mass[np.ix_(own, free)]
+    joints, cross = mass[np.ix_(coordinates, coordinates)], mass[np.ix_(coordinates, free)]
     if not free:
         return joints
     return joints - cross @ np.linalg.solve(mass[np.ix_(free, free)], cross.T)

@@ -24,7 +24,7 @@ from ..meshes.read import read_mesh
 from ..robot.frames import set_pose, turns
 
 WORLD = "world"
-KINDS = {
+JOINT_TYPES = {
     int(mujoco.mjtJoint.mjJNT_HINGE): "revolute",
     int(mujoco.mjtJoint.mjJNT_SLIDE): "prismatic",
     int(mujoco.mjtJoint.mjJNT_BALL): "spherical",
@@ -82,7 +82,7 @@ def _without_files(spec: mujoco.MjSpec, folder: Path, note: Note) -> None:
         part.material = ""
     for part in (*spec.skins, *spec.materials, *spec.textures):
         spec.delete(part)
-    lost = {m.name: m.file for m in spec.meshes if m.file and not _there(spec, folder, m.file)}
+    lost = {m.name: m.file for m in spec.meshes if m.file and not _exists(spec, folder, m.file)}
     for geom in list(spec.geoms):
         if geom.type == GEOM.mjGEOM_MESH and geom.meshname in lost:
             file = lost[geom.meshname]
@@ -98,7 +98,7 @@ def _mesh_file(spec: mujoco.MjSpec, folder: Path, file: str) -> Path:
     return folder / (spec.meshdir or "") / file
 
 
-def _there(spec: mujoco.MjSpec, folder: Path, file: str) -> bool:
+def _exists(spec: mujoco.MjSpec, folder: Path, file: str) -> bool:
     path = _mesh_file(spec, folder, file)
     return path.is_file() and not is_pointer(path) and read_mesh(path) is not None
 
@@ -146,16 +146,16 @@ class _Writer:
             trees.setdefault(int(self._model.body_rootid[body]), []).append(body)
         return trees
 
-    def _own(self, body: int) -> list[int]:
+    def _jnts(self, body: int) -> list[int]:
         first = self._model.body_jntadr[body]
         return list(range(first, first + self._model.body_jntnum[body]))
 
     def _free(self, body: int) -> bool:
-        return any(self._model.jnt_type[j] == mujoco.mjtJoint.mjJNT_FREE for j in self._own(body))
+        return any(self._model.jnt_type[j] == mujoco.mjtJoint.mjJNT_FREE for j in self._jnts(body))
 
     def _joints(self, bodies: list[int]) -> list[int]:
         """Joints of bodies, except free joints."""
-        joints = [j for body in bodies for j in self._own(body)]
+        joints = [j for body in bodies for j in self._jnts(body)]
         return [j for j in joints if self._model.jnt_type[j] != mujoco.mjtJoint.mjJNT_FREE]
 
     def _name(self, body: int) -> str:
@@ -192,18 +192,18 @@ class _Writer:
         ):
             self._shape(geom, link, self._frames[body])
 
-    def _connect(self, name: str, kind: str, ends: tuple[str, str], at: Pose) -> ET.Element:
+    def _connect(self, name: str, kind: str, links: tuple[str, str], at: Pose) -> ET.Element:
         joint = ET.SubElement(self._root, "joint", name=name, type=kind)
         set_pose(ET.SubElement(joint, "origin"), at.at, at.turn)
-        ET.SubElement(joint, "parent", link=ends[0])
-        ET.SubElement(joint, "child", link=ends[1])
+        ET.SubElement(joint, "parent", link=links[0])
+        ET.SubElement(joint, "child", link=links[1])
         return joint
 
     def _add_joint(self, joint: int, parent: str, child: str, pending: Pose) -> Pose:
         """Add a joint; the pose of its child body in the frame of its child link."""
         model, name = self._model, self._joint_name(joint)
         kind, axis, anchor = (
-            KINDS[int(model.jnt_type[joint])],
+            JOINT_TYPES[int(model.jnt_type[joint])],
             model.jnt_axis[joint],
             model.jnt_pos[joint],
         )

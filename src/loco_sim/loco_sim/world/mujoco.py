@@ -30,7 +30,7 @@ from .world import Base, Handles
 
 RIGID = (0.95, 0.99, 0.001, 0.5, 2.0)  # MuJoCo's solimp of rigid contacts
 STOP = (0.9999, 0.9999, 0.001, 0.5, 2.0)  # solimp of joint stops and dry friction, nearly rigid
-LEAST = 1e-4  # distance of contact impedances from 0 and 1 that MuJoCo enforces
+IMPEDANCE_MARGIN = 1e-4  # distance of contact impedances from 0 and 1 that MuJoCo enforces
 IMPEDANCE_RATIO = 10.0  # stiffness of friction constraints / normal rigid constraints
 LIBRARIES = "libmujoco.", "mujoco.dll"  # the engine's library in the folder of its Python module
 BAD = int(mujoco.mjtWarning.mjWARN_BADQACC)
@@ -53,24 +53,24 @@ class World(world.World):
         initial = self._data.qpos, m.geom_friction, m.body_pos, m.body_quat
         self._built = tuple(values.copy() for values in initial)
 
-    def forget(self) -> bool:
+    def restore(self) -> bool:
         m, d = self._model, self._data
         mujoco.mj_resetData(m, d)
         d.warning.number[:] = QUIET
         d.qpos[:], m.geom_friction[:], m.body_pos[:], m.body_quat[:] = self._built
         m.dof_frictionloss[:] = 0.0
-        self._braked = self._pushed = self._fresh = False
+        self._has_brakes = self._has_forces = self._is_current = False
         return True
 
     def _load(self, height: float) -> None:
         text = self._text()
         root = "" if self.robot.fixed_base else self.description.root_link()
-        self._asked = (
+        self._model_key = (
             text, dates(text), root, self.robot.feet, self.dt, tuple(self.pull),
             self.params.solver_iterations, self.terrain,
         )  # fmt: skip
         try:
-            model = compiled(*self._asked)
+            model = compiled(*self._model_key)
         except ValueError as error:
             raise ParameterError(
                 f"MuJoCo cannot build robot {self.robot.name!r}: {' '.join(str(error).split())}"
@@ -102,8 +102,8 @@ class World(world.World):
             mujoco.mj_setConst(m, self._data)
         m.dof_solref[:] = m.jnt_solref[:] = 2.0 * self.dt, 1.0  # as stiff as the step allows
         m.dof_solimp[:] = m.jnt_solimp[:] = STOP
-        self._braked = self._pushed = False
-        self._fresh = False
+        self._has_brakes = self._has_forces = False
+        self._is_current = False
 
     def _set_contacts(self) -> None:
         """Set friction and compliance of every link.
@@ -136,7 +136,7 @@ class World(world.World):
         stiffness, damping = soft[0], soft[1] + self.dt * soft[0]
         weight = max(float(self._model.body_invweight0[body, 0]), 1e-9)
         share = weight * self.dt * damping
-        impedance = min(max(share / (1.0 + share), LEAST), 1.0 - LEAST)
+        impedance = min(max(share / (1.0 + share), IMPEDANCE_MARGIN), 1.0 - IMPEDANCE_MARGIN)
         scale = weight * (1.0 - impedance)
         solimp = impedance, impedance, 0.001, 0.5, 2.0
         return (-scale * stiffness, -scale * damping), solimp
@@ -147,7 +147,7 @@ class World(world.World):
 
     def lowest_points(self) -> dict[str, Triple]:
         """Lowest point of each collision link, world frame [m]; of convex hulls for meshes."""
-        self._look()
+        self._update_kinematics()
         lowest: dict[str, Triple] = {}
         for link, body in self._bodies.items():
             geoms = np.flatnonzero(self._model.geom_bodyid == body)
@@ -162,14 +162,14 @@ class World(world.World):
             self._model.body_pos[self._root, 2] = height
         else:
             self._data.qpos[2] = height
-        self._fresh = False
+        self._is_current = False
 
     _raise = _lift
 
     def _place(self, q: Sequence[float]) -> None:
         self._data.qpos[self._q_at] = q
         self._data.qvel[self._dq_at] = 0.0
-        self._fresh = False
+        self._is_current = False
 
     def put(self, q: Sequence[float], dq: Sequence[float], base: Base | None = None) -> None:
         if base:
@@ -180,7 +180,7 @@ class World(world.World):
                 self._data.qvel[3:6] = rotate_back(turn, base.angular_velocity)
         self._data.qpos[self._q_at] = q
         self._data.qvel[self._dq_at] = dq
-        self._fresh = False
+        self._is_current = False
 
     def pose(self, position: Triple, orientation: Sequence[float], q: Sequence[float]) -> None:
         """Set the pose of the base frame and the joint positions, at rest."""
@@ -203,12 +203,12 @@ class World(world.World):
         """
         self._apply(tau)
         mujoco.mj_step(self._model, self._data)
-        self._tidy()
+        self._finish_step()
 
     def _apply(self, tau: Sequence[float]) -> None:
         """Apply joint torques, and spring torques of hinges."""
         if self.hinges:
-            springs = zip(self.hinges.values(), self._bent, self._hung, strict=True)
+            springs = zip(self.hinges.values(), self._flex_states, self._hinged, strict=True)
             tau = [*tau, *(hinges.torque(*spring, self.dt) for spring in springs)]
         self._data.qfrc_applied[self._dof] = tau
 
@@ -241,26 +241,26 @@ class World(world.World):
         mujoco.mj_checkAcc(m, data)
         mujoco.mj_implicit(m, data)
         m.dof_armature[at], m.dof_M0[at] = armature, diagonal
-        self._tidy()
+        self._finish_step()
         after = data.qvel[at]
         return np.where(free, np.clip(target - gain * after, -limit, limit), saturated), after
 
-    def _tidy(self) -> None:
+    def _finish_step(self) -> None:
         """Common actions after each step."""
         data = self._data
-        self._fresh = False
-        if self._pushed:
+        self._is_current = False
+        if self._has_forces:
             data.xfrc_applied[:] = 0.0
-            self._pushed = False
+            self._has_forces = False
         if np.max(np.abs(data.qvel), initial=0.0) > self._fastest:  # as PyBullet does
             data.qvel[:] = data.qvel.clip(-self._fastest, self._fastest)
         if data.warning[BAD].number != QUIET:
             raise DivergedError(f"the physics diverged at t = {data.time:.3f} s (MuJoCo)")
 
     def brake(self, budget: np.ndarray, dq: np.ndarray) -> None:
-        if self._braked or budget.any():
+        if self._has_brakes or budget.any():
             self._model.dof_frictionloss[self._dq_at] = budget
-            self._braked = True
+            self._has_brakes = True
 
     def set_friction(self, link: str, friction: float) -> None:
         self._model.geom_friction[self.shapes(link), 0] = friction
@@ -269,7 +269,7 @@ class World(world.World):
         q, dq = self._data.qpos[self._at].tolist(), self._data.qvel[self._dof].tolist()
         if self.hinges:
             n = len(self.robot.joints)
-            self._bent = list(zip(q[n:], dq[n:], strict=True))
+            self._flex_states = list(zip(q[n:], dq[n:], strict=True))
             return q[:n], dq[:n]
         return q, dq
 
@@ -297,14 +297,14 @@ class World(world.World):
     ) -> None:
         body = self._root if link is None else self._bodies[link]
         at = self.place(link, point) if at is None else at
-        self._look()
+        self._update_kinematics()
         arm = np.subtract(at, self._data.xipos[body])
         self._data.xfrc_applied[body, :3] += force
         self._data.xfrc_applied[body, 3:] += np.cross(arm, force)
-        self._pushed = True
+        self._has_forces = True
 
     def place(self, link: str | None, offset: Sequence[float] = (0.0, 0.0, 0.0)) -> Triple:
-        self._look()
+        self._update_kinematics()
         body = self._root if link is None else self._bodies[link]
         x, y, z = self._data.xpos[body].tolist()
         ox, oy, oz = rotate(self._data.xmat[body].tolist(), offset)
@@ -333,19 +333,19 @@ class World(world.World):
         return np.flatnonzero(self._model.geom_bodyid == self._bodies[link]).tolist()
 
     def moved(self) -> None:
-        self._fresh = False
+        self._is_current = False
 
-    def _look(self) -> None:
+    def _update_kinematics(self) -> None:
         """Compute the frames of all links at the current state, once per step."""
-        if not self._fresh:
+        if not self._is_current:
             mujoco.mj_kinematics(self._model, self._data)
-            self._fresh = True
+            self._is_current = True
 
     # ---- rarely used-----------------------------------------------
 
     def mjcf(self) -> str:
         """The world after `rebuild` as MJCF, with absolute paths of meshes."""
-        m, spec = self._model, plan(*self._asked)
+        m, spec = self._model, plan(*self._model_key)
         for name, body in self._bodies.items():
             element = spec.body(body_of(name))
             at = np.flatnonzero(m.geom_bodyid == body)

@@ -22,9 +22,9 @@ GEOM = mujoco.mjtGeom
 
 
 @lru_cache(maxsize=64)
-def compiled(*asked: Any) -> mujoco.MjModel:
+def compiled(*arguments: Any) -> mujoco.MjModel:
     """Model of a URDF on the ground; cached, since reading may take longer than a run."""
-    spec = plan(*asked)
+    spec = plan(*arguments)
     for mesh in spec.meshes:
         _fill(mesh)
     return spec.compile()

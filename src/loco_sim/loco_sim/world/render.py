@@ -19,7 +19,7 @@ from .stage import EYE, FIELD_OF_VIEW, Stage, look_at, perspective
 
 FULL_SIZE = 0.9  # size below which the camera distance is scaled down [m]
 CLOSER, FILLED = 1.05, 0.85  # step factor of the camera distance; share of the picture to fill
-NEAREST = 4.0  # initial camera position, times nearer than for a walking robot
+CLOSEUP = 4.0  # initial camera position, times nearer than for a walking robot
 LOOKED_AT = 50  # number of poses of a fixed-base robot that must be in view
 LOWEST = -0.4  # smallest height of the point looked at, for a robot of full size [m]
 FOLLOW = 0.5  # averaging time of the position followed by the camera [s]
@@ -137,7 +137,7 @@ def camera(
         boxes.append(figure.corners(0.0))
     corners = np.concatenate(boxes)
     low, high = corners.min(axis=0), corners.max(axis=0)
-    middle, scale = 0.5 * (low + high), float((high - low).max()) / FULL_SIZE / NEAREST
+    middle, scale = 0.5 * (low + high), float((high - low).max()) / FULL_SIZE / CLOSEUP
     while not _fits(corners, middle, scale, size):
         scale *= CLOSER
     height = max(float(middle[2]) / scale, LOWEST)  # keeps the floor below the camera

@@ -13,7 +13,7 @@ from PIL import Image, ImageFilter
 
 from .figure import Figure
 
-MADE_OF = "db20570add40"  # of the called kernels, see tests/loco_sim/test_kernel_caches.py
+MADE_OF = "84ef97f06718"  # of the called kernels, see tests/loco_sim/test_kernel_caches.py
 
 EYE = np.array([1.15, -2.05, 0.55])  # from the point looked at to the camera [m]
 FIELD_OF_VIEW = np.radians(34.0)  # vertical
@@ -145,13 +145,13 @@ def lay_floor(image, where, floor, centre, tile, dark, lens):
 
 
 @njit(cache=True)
-def put_over(image, colour, there):
+def put_over(image, colour, mask):
     """Downsample a picture by SAMPLES and overlay it on an image where the mask is set.
 
     Args:
         image: Colours, (height, width, 3).
         colour: Colours, (SAMPLES height, SAMPLES width, 3); black outside of the mask.
-        there: Mask of the picture, (SAMPLES height, SAMPLES width).
+        mask: Mask of the picture, (SAMPLES height, SAMPLES width).
     """
     count = SAMPLES * SAMPLES
     for row in range(image.shape[0]):
@@ -159,7 +159,7 @@ def put_over(image, colour, there):
             cover = 0
             for i in range(SAMPLES * row, SAMPLES * (row + 1)):
                 for j in range(SAMPLES * column, SAMPLES * (column + 1)):
-                    cover += there[i, j]
+                    cover += mask[i, j]
             if not cover:
                 continue
             for k in range(3):

@@ -8,9 +8,9 @@ from functools import cached_property
 
 import numpy as np
 
-KINDS = ("uneven", "steps")
+RELIEFS = ("uneven", "steps")
 CELL = 0.05  # distance between heights [m]
-AHEAD, BEHIND, SIDE = 30.0, 4.0, 4.0  # extent from the origin [m]
+AHEAD, REAR, SIDE = 30.0, 4.0, 4.0  # extent from the origin [m]
 BLEND = 0.5  # distance over which roughness rises from zero at the flat start [m]
 
 
@@ -23,25 +23,25 @@ class Terrain:
         roughness: Standard deviation of the height [m].
         length: Size of hills, their correlation length, or of tiles [m].
         pattern: Number of the random pattern.
-        flat: Radius of the flat start [m].
+        radius: Radius of the flat start [m].
     """
 
     kind: str
     roughness: float
     length: float
     pattern: int
-    flat: float
+    radius: float
 
     @property
     def centre(self) -> tuple[float, float]:
         """Centre of the grid x, y [m]."""
-        return 0.5 * (AHEAD - BEHIND), 0.0
+        return 0.5 * (AHEAD - REAR), 0.0
 
     @cached_property
     def heights(self) -> np.ndarray:
         """Heights [m], (points along y, points along x)."""
         x, y = _axes()
-        rng = np.random.default_rng([self.pattern, KINDS.index(self.kind)])
+        rng = np.random.default_rng([self.pattern, RELIEFS.index(self.kind)])
         if self.kind == "steps":
             tiles = rng.uniform(-1.0, 1.0, (len(y), len(x)))
             row, column = (np.floor((v - v[0]) / self.length).astype(int) for v in (y, x))
@@ -49,7 +49,7 @@ class Terrain:
         else:
             relief = _hills(rng, self.length)
             relief /= relief.std()
-        return self.roughness * relief * np.clip(_beyond(self.flat) / BLEND, 0.0, 1.0)
+        return self.roughness * relief * np.clip(_outside(self.radius) / BLEND, 0.0, 1.0)
 
 
 @dataclass(frozen=True)
@@ -60,35 +60,35 @@ class Patches:
         share: Share of the ground that is soft, beyond the start.
         length: Size of patches, the correlation length of the underlying random field [m].
         pattern: Number of the random pattern.
-        flat: Radius of the firm start [m].
+        radius: Radius of the firm start [m].
     """
 
     share: float
     length: float
     pattern: int
-    flat: float
+    radius: float
 
     @cached_property
     def soft(self) -> np.ndarray:
         """Flags of the grid of `Terrain`, (points along y, points along x)."""
-        level = _hills(np.random.default_rng([self.pattern, len(KINDS)]), self.length)
-        return (level > np.quantile(level, 1.0 - self.share)) & (_beyond(self.flat) > 0.0)
+        level = _hills(np.random.default_rng([self.pattern, len(RELIEFS)]), self.length)
+        return (level > np.quantile(level, 1.0 - self.share)) & (_outside(self.radius) > 0.0)
 
     def under(self, x: float, y: float) -> bool:
         """Whether the ground is soft at x, y [m]; outside of the grid as at its edge."""
         rows, columns = self.soft.shape
         row = min(max(round((y + SIDE) / CELL), 0), rows - 1)
-        column = min(max(round((x + BEHIND) / CELL), 0), columns - 1)
+        column = min(max(round((x + REAR) / CELL), 0), columns - 1)
         return bool(self.soft[row, column])
 
 
 def _axes() -> tuple[np.ndarray, np.ndarray]:
     """Coordinates of the grid along x and y [m]."""
-    x = np.arange(round((AHEAD + BEHIND) / CELL) + 1) * CELL - BEHIND
+    x = np.arange(round((AHEAD + REAR) / CELL) + 1) * CELL - REAR
     return x, np.arange(round(2.0 * SIDE / CELL) + 1) * CELL - SIDE
 
 
-def _beyond(radius: float) -> np.ndarray:
+def _outside(radius: float) -> np.ndarray:
     """Distance of each grid point from a circle around the origin [m], negative inside."""
     return np.hypot(*np.meshgrid(*_axes())) - radius
 

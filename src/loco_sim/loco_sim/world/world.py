@@ -110,7 +110,7 @@ class Setting:
         self.friction: dict[str, float] = dict(self.robot.friction)
         self.contact: dict[str, tuple[float, float]] = dict(self.robot.contact)
         self.gravity: Triple = (0.0, 0.0, -self.params.gravity)
-        self.carried = 0.0
+        self.compensated = 0.0
         self.terrain: Terrain | None = None
         self.hinges: dict[str, tuple[float, float]] = {}
         self.armature: dict[str, float] = dict(self.robot.armature)
@@ -118,9 +118,9 @@ class Setting:
     @property
     def pull(self) -> Triple:
         """Effective gravity, reduced by the share that drives compensate [m/s²], (3,)."""
-        if not self.carried:
+        if not self.compensated:
             return self.gravity
-        x, y, z = ((1.0 - self.carried) * part for part in self.gravity)
+        x, y, z = ((1.0 - self.compensated) * part for part in self.gravity)
         return x, y, z
 
     @property
@@ -196,13 +196,13 @@ class World(Setting, ABC):
             self._place(q)
         if self.hinges:
             mass, _, _, hinge_rows = self._mass_matrix(q)
-            self._hung = hinges.inertia(mass, hinge_rows)
+            self._hinged = hinges.inertia(mass, hinge_rows)
 
     def _raise(self, height: float) -> None:
         """Change the height of the base right after `_load` [m]."""
         self._load(height)
 
-    def forget(self) -> bool:
+    def restore(self) -> bool:
         """Restore the state after `rebuild`; False if that requires a rebuild."""
         return False
 
@@ -218,15 +218,15 @@ class World(Setting, ABC):
         mass, joint_rows, base, hinge_rows = self._mass_matrix(q)
         return hinges.felt(mass, joint_rows, [*base, *hinge_rows])
 
-    def _given(self) -> Description:
+    def _engine_description(self) -> Description:
         """The robot description for the engine."""
         return self.description
 
     def _text(self) -> str:
         """URDF for the engine."""
         if not self.damped:
-            return self._given().text(self.robot.folder, drawn=False)
-        undamped = Description(self._given().text())
+            return self._engine_description().text(self.robot.folder, drawn=False)
+        undamped = Description(self._engine_description().text())
         for joint in self.robot.joints:
             undamped.set_damping(joint, 0.0)
         return undamped.text(self.robot.folder, drawn=False)
@@ -236,7 +236,7 @@ class World(Setting, ABC):
 
     def sprung(self) -> list[tuple[tuple[float, float], float]]:
         """Stiffness and damping of each hinge, and its effective inertia [kg·m²]."""
-        return list(zip(self.hinges.values(), self._hung, strict=True)) if self.hinges else []
+        return list(zip(self.hinges.values(), self._hinged, strict=True)) if self.hinges else []
 
     def handles(self) -> Handles | None:
         """State and functions for a compiled loop; None if the engine does not support it."""

@@ -25,7 +25,7 @@ from loco_learning.gap.prediction.case import Case
 from loco_learning.gap.prediction.forward import Forward
 from loco_learning.gap.statistics.solve import FEW, guided
 from loco_sim.effects.coordinates import Coordinate
-from loco_sim.effects.offers import Hints
+from loco_sim.effects.offers import Motion
 
 from .. import laws
 
@@ -204,7 +204,7 @@ def test_a_stop_and_a_weak_drive_are_fitted_together(servo):
     stop = {"name": "end_stop", "joint": "pivot", "angle": 0.55, "stiffness": 0.5, "damping": 0.03}
     case = servo([stop])
     robot = case.forward.robot(0)
-    offered = offer(robot, case.signals, Hints(np.full(1, -0.9), np.full(1, 0.9)))
+    offered = offer(robot, case.signals, Motion(np.full(1, -0.9), np.full(1, 0.9)))
     (hypothesis,) = [h for h in offered if h.effect == "end_stop" and "above" in h.key]
     apart = weigh(case, [at(hypothesis, angle=0.5, stiffness=0.4, damping=0.03)], {})
     together = jointly(case, apart, setting())
@@ -220,7 +220,7 @@ def test_a_model_that_is_polished_gets_its_robot_fitted_once(servo, monkeypatch)
     """Together with the effects; before this, values were sought after each refit as well."""
     stop = {"name": "end_stop", "joint": "pivot", "angle": 0.55, "stiffness": 0.5, "damping": 0.03}
     case = servo([stop])
-    offered = offer(case.forward.robot(0), case.signals, Hints(np.full(1, -0.9), np.full(1, 0.9)))
+    offered = offer(case.forward.robot(0), case.signals, Motion(np.full(1, -0.9), np.full(1, 0.9)))
     (hypothesis,) = [h for h in offered if h.effect == "end_stop" and "above" in h.key]
     apart = weigh(case, [at(hypothesis, angle=0.5, stiffness=0.4, damping=0.03)], {}, seek=False)
 
@@ -236,7 +236,7 @@ def test_each_value_is_changed_only_where_straight_lines_lead_nowhere(servo, mon
     """A cost of nothing is one that no fit reaches: there each value is changed in a simulation."""
     stop = {"name": "end_stop", "joint": "pivot", "angle": 0.55, "stiffness": 0.5, "damping": 0.03}
     case = servo([stop])
-    offered = offer(case.forward.robot(0), case.signals, Hints(np.full(1, -0.9), np.full(1, 0.9)))
+    offered = offer(case.forward.robot(0), case.signals, Motion(np.full(1, -0.9), np.full(1, 0.9)))
     (hypothesis,) = [h for h in offered if h.effect == "end_stop" and "above" in h.key]
     apart = weigh(case, [at(hypothesis, angle=0.5, stiffness=0.4, damping=0.03)], {})
     runs, searched, bare = [], [], Case.bare

@@ -13,7 +13,7 @@ from loco_learning.gap.fitting.screen import screen as screened
 from loco_learning.gap.hypotheses import hints
 from loco_learning.gap.hypotheses.bundles import Bundle
 from loco_learning.gap.hypotheses.hypotheses import offer
-from loco_sim.effects.offers import Hints
+from loco_sim.effects.offers import Motion
 from loco_sim.robot import robot
 
 from .. import laws
@@ -74,7 +74,7 @@ def alone(effect, does, size, elsewhere=0.0, forward=None):
     mask = np.array([True, False]) if elsewhere else None
     case = SimpleNamespace(vector=vector, channel_of=lambda only: channels, rounds=True)
     plant = forward.robot() if forward else robot.load("servo_pendulum")
-    offered = offer(plant, ("q",), Hints(np.full(1, -0.5), np.full(1, 0.5)))
+    offered = offer(plant, ("q",), Motion(np.full(1, -0.5), np.full(1, 0.5)))
     offered = hints.sized(offered, forward) if forward else offered
     (hypothesis,) = [h for h in offered if h.effect == effect]
     (found,) = screened(case, Bundle((hypothesis,), (mask,)), [], {}, [0], vector([], {}, [0], 1))
@@ -214,7 +214,7 @@ def quiet_beside(effect, level, rounds=False):
     The response is at right angles to the residual, so that no size of it explains anything.
     """
     wave, other = np.sin(np.arange(200.0)), np.cos(np.arange(200.0))
-    offered = offer(robot.load("servo_pendulum"), ("q",), Hints(np.full(1, -0.5), np.full(1, 0.5)))
+    offered = offer(robot.load("servo_pendulum"), ("q",), Motion(np.full(1, -0.5), np.full(1, 0.5)))
     hypothesis = next(h for h in offered if h.effect == effect and len(h.strengths) == 1)
     ((at,), sizes) = hypothesis.strengths, []
     key, first = hypothesis.coordinates[at].name, None

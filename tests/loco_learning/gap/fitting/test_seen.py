@@ -16,7 +16,7 @@ from loco_learning.gap.prediction import case as cases
 from loco_learning.gap.prediction.forward import Forward
 from loco_learning.gap.probability import prices
 from loco_learning.gap.recordings.record import Record
-from loco_sim.effects.offers import Hints
+from loco_sim.effects.offers import Motion
 from loco_sim.plant.model import Model
 
 from .. import laws
@@ -39,7 +39,7 @@ def case():
 
 def weighed(case, effect, x):
     robot = case.forward.robot()
-    offered = offer(robot, ("q",), Hints(np.full(1, -0.5), np.full(1, 0.5)))
+    offered = offer(robot, ("q",), Motion(np.full(1, -0.5), np.full(1, 0.5)))
     (hypothesis,) = [h for h in offered if h.effect == effect and h.place in ("", "rod", "pivot")]
     return weigh(case, ((hypothesis, tuple(x)),), {})
 

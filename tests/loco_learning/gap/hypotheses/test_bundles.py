@@ -7,7 +7,7 @@ import numpy as np
 
 from loco_learning.gap.hypotheses.bundles import bundles
 from loco_learning.gap.hypotheses.hypotheses import offer
-from loco_sim.effects.offers import Hints
+from loco_sim.effects.offers import Motion
 from loco_sim.robot import robot
 
 Channel = namedtuple("Channel", "signal name")
@@ -16,7 +16,7 @@ Channel = namedtuple("Channel", "signal name")
 def made(fixed, name="tigrillo", led=False):
     plant = robot.load(name, {"fixed_base": True, "height": 1.0} if fixed else {})
     n = len(plant.joints)
-    hypotheses = offer(plant, ("q",), Hints(np.full(n, -0.5), np.full(n, 0.5)))
+    hypotheses = offer(plant, ("q",), Motion(np.full(n, -0.5), np.full(n, 0.5)))
     channels = [Channel("q", joint) for joint in plant.joints]
     return hypotheses, bundles(plant, channels, hypotheses, fixed, led)
 

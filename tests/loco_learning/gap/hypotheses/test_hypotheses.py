@@ -10,7 +10,7 @@ from loco_learning.gap.hypotheses.hints import distinct, interval
 from loco_learning.gap.hypotheses.hypotheses import offer, separable, untried
 from loco_sim import effects
 from loco_sim.effects.catalogue.compliance import rest
-from loco_sim.effects.offers import Hints
+from loco_sim.effects.offers import Motion
 from loco_sim.effects.places import chains, common, groups, links, members
 from loco_sim.robot import robot
 
@@ -21,7 +21,7 @@ SIGNALS = ("q", "dq", "tau", "gyro", "acceleration", "grf")
 def all_of(name):
     made = robot.load(name)
     n = len(made.joints)
-    hints = Hints(np.full(n, -0.5), np.full(n, 0.5), ((1.0, 1.4),), ripples=((9.0, 40.0),) * n)
+    hints = Motion(np.full(n, -0.5), np.full(n, 0.5), ((1.0, 1.4),), ripples=((9.0, 40.0),) * n)
     return made, offer(made, SIGNALS, hints)
 
 
@@ -53,7 +53,7 @@ def test_the_whole_range_of_a_hypothesis_is_possible_however_far_a_joint_went(na
     """A joint that goes 2.5 rad had stops tried beyond the range that a stop may have."""
     made = robot.load(name)
     n = len(made.joints)
-    hints = Hints(np.full(n, -travel), np.full(n, travel), ((1.0, 1.4),))
+    hints = Motion(np.full(n, -travel), np.full(n, travel), ((1.0, 1.4),))
     for h in offer(made, SIGNALS, hints):
         ends = [[-1e9] * len(h.coordinates), [1e9] * len(h.coordinates), *h.starts()]
         for x in ends:
@@ -76,7 +76,7 @@ def test_every_applicable_effect_is_offered_or_listed_as_not_tried_with_the_reas
 def test_a_cable_hangs_from_where_the_base_is(height, base):
     """A height of 0 is one; without any the robot stands on its feet."""
     made = replace(robot.load("servo_pendulum"), height=height)
-    hints = Hints(np.full(1, -0.5), np.full(1, 0.5))
+    hints = Motion(np.full(1, -0.5), np.full(1, 0.5))
     offered = effects.EFFECTS["cable_force"].offers(made, ("q",), hints)
     heights = {dict(one.fixed)["anchor"][2] for one in offered}
     assert heights == {base + 0.3, base + 1.0}
@@ -84,7 +84,7 @@ def test_a_cable_hangs_from_where_the_base_is(height, base):
 
 def test_a_cable_is_tried_however_fast_the_physics():
     made = robot.load("linear_axis", {"sim.physics_rate": 20_000.0})
-    offered = offer(made, SIGNALS, Hints(np.zeros(1), np.ones(1)))
+    offered = offer(made, SIGNALS, Motion(np.zeros(1), np.ones(1)))
     assert "cable_force" in {h.effect for h in offered}
     left = dict(untried(made, offered))
     assert "no place, time or signal" in left["push"]  # no time at which the residual is loud
@@ -101,7 +101,7 @@ def test_stops_are_sought_at_either_end_of_the_way_that_a_joint_went(name):
     """Angles of a stop count from the joint's rest, which is not where its sensor says 0."""
     made = robot.load(name)
     slack = rest(made, np.arange(len(made.joints)))
-    hints = Hints(slack - 0.4, slack + 0.3)
+    hints = Motion(slack - 0.4, slack + 0.3)
     for joint in made.joints:
         stops = [h for h in offer(made, ("q",), hints) if h.key.endswith(f" {joint}")]
         angles = {
@@ -116,7 +116,7 @@ def test_stops_are_sought_at_either_end_of_the_way_that_a_joint_went(name):
 
 def test_late_sensors_are_tried_where_data_could_tell_them_from_a_late_command():
     made = robot.load("hyq_leg")
-    hints = Hints(np.full(3, -0.5), np.full(3, 0.5))
+    hints = Motion(np.full(3, -0.5), np.full(3, 0.5))
 
     def tried(signals, *effects):
         some = [h for h in offer(made, signals, hints) if h.effect in effects]
@@ -131,7 +131,7 @@ def test_late_sensors_are_tried_where_data_could_tell_them_from_a_late_command()
 
 def test_a_sensor_that_was_not_read_is_not_blamed():
     made = robot.load("tigrillo")
-    hints = Hints(np.full(8, -0.5), np.full(8, 0.5))
+    hints = Motion(np.full(8, -0.5), np.full(8, 0.5))
     variants = {h.variant for h in offer(made, ("q",), hints) if h.effect == "sensor_bias"}
     assert variants == {"q"}
 
@@ -168,7 +168,7 @@ def test_something_outside_may_pull_at_every_link_of_a_bolted_robot_else_at_the_
 def test_a_push_may_end_long_before_the_robot_is_calm():
     """A rod that was let go after 0.6 s rang for another second: a push of 1.6 s was sought."""
     made = robot.load("servo_pendulum")
-    hints = Hints(np.full(1, -0.5), np.full(1, 0.5), ((1.07, 2.67),))
+    hints = Motion(np.full(1, -0.5), np.full(1, 0.5), ((1.07, 2.67),))
     for push in (h for h in offer(made, SIGNALS, hints) if h.effect == "push"):
         (stop,) = (c for c in push.coordinates if c.name == "stop")
         assert stop.low <= 1.07 and stop.high > 2.67

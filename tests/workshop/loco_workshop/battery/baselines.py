@@ -25,7 +25,7 @@ from loco_learning.gap.prediction import case as cases
 from loco_learning.gap.prediction.case import Case
 from loco_learning.gap.prediction.forward import Forward
 from loco_learning.gap.recordings.record import Record
-from loco_sim.effects.offers import Hints
+from loco_sim.effects.offers import Motion
 from loco_sim.plant.model import Model
 from loco_sim.robot.description import Description
 
@@ -191,4 +191,4 @@ def _judged(case: Case, specs: Sequence[Mapping[str, Any]], overrides: dict) -> 
 
 def _no_hints(robot: Any) -> Any:
     n = len(robot.joints)
-    return Hints(np.full(n, np.nan), np.full(n, np.nan))
+    return Motion(np.full(n, np.nan), np.full(n, np.nan))

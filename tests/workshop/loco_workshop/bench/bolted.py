@@ -46,7 +46,7 @@ def _row(name: str, overrides: dict[str, Any], listed: list[dict[str, Any]]) -> 
     targets[:, robot.driven] += 0.05 * np.sin(2.0 * np.pi * t)[:, None]
     best = {"ours": np.inf, "one": np.inf, "engine": np.inf}
     for _ in range(TURNS):
-        limbs.KEPT.forget()
+        limbs.CACHE.clear()
         for who, simulate in (("ours", _alone), ("one", _alone), ("engine", _with_engine)):
             targets[:, robot.driven[0]] += 0.01
             began = time.process_time()

@@ -72,7 +72,7 @@ def floors(name: str, engine: str) -> float:
         robot = replace(robot, sensors=robot.sensors.replace(exact=True))
     t = np.arange(round(SECONDS * robot.control_rate)) / robot.control_rate
     wave = np.sin(2.0 * np.pi * (0.5 + 0.1 * t) * t)[:, None] + 0.3 * np.sin(15.0 * t)[:, None]
-    commands = JointCommands(robot).orders(robot.standing[robot.driven] + 0.08 * wave)
+    commands = JointCommands(robot).sequence(robot.standing[robot.driven] + 0.08 * wave)
     with Simulation(robot=robot) as sim:
         sim.reset()
         q = np.array([state.q for state in sim.follow(commands)])

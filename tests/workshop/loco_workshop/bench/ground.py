@@ -61,7 +61,7 @@ def _steps(name: str, robot: str, listed: list[dict[str, Any]]) -> dict[str, Any
         for _ in sim.follow(commands.rows(0, 100)):
             pass
         steps = round(ALONE / sim.physics_dt)
-        best["alone"] = min(best["alone"], 1e6 * sim.loop.alone(steps) / steps)
+        best["alone"] = min(best["alone"], 1e6 * sim.loop.engine_time(steps) / steps)
     for sim, _ in setups.values():
         sim.close()
     return _row(f"step of {name}", best["pybullet"], best["mujoco"], best["alone"])
@@ -74,7 +74,7 @@ def _moving(name: str, engine: str, listed: list[dict[str, Any]]) -> tuple[Simul
         robot = replace(robot, sensors=robot.sensors.replace(exact=True))
     t = np.arange(round(SECONDS * robot.control_rate)) / robot.control_rate
     wave = 0.02 * np.sin(2.0 * np.pi * t)[:, None]
-    commands = JointCommands(robot).orders(robot.standing[robot.driven] + wave)
+    commands = JointCommands(robot).sequence(robot.standing[robot.driven] + wave)
     return Simulation(effects=effects.from_list(listed), robot=robot), commands
 
 

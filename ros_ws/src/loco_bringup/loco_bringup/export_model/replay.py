@@ -128,7 +128,7 @@ def begins(
     return (starts[0].q, starts[0].dq) if starts else (robot.standing, 0.0 * robot.standing)
 
 
-def commands(made: Portable, told: running.Orders) -> np.ndarray:
+def commands(made: Portable, told: running.CommandSequence) -> np.ndarray:
     """Actuator commands of the exported MJCF, (T, nu)."""
     columns = []
     for index, joint in enumerate(made.joints):

@@ -23,7 +23,7 @@ from loco_control.ros.messages.topics import TOPICS
 from loco_learning.runs.experiment import Experiment
 from loco_learning.runs.log import PARTS, Log
 from loco_learning.runs.rollout import rollout
-from loco_sim.plant.simulation import ending
+from loco_sim.plant.simulation import end_text
 from loco_sim.ros.encoders import encoders
 
 from ..bag.writer import BagWriter, Limits
@@ -80,7 +80,7 @@ def _end_of(log: Log) -> str:
         return f"fell at {length:.2f} s: {log.fall}"
     if log.experiment.gait:
         return f"{length:.1f} s simulated"
-    return ending(length, None if log.experiment.plant.fixed_base else log.distance)
+    return end_text(length, None if log.experiment.plant.fixed_base else log.distance)
 
 
 def write_log(log: Log, folder: Path, limits: Limits | None = None) -> None:

@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from loco_sim.effects.offers import Hints
+from loco_sim.effects.offers import Motion
 from loco_sim.effects.places import members
 from loco_sim.robot.robot import Robot
 
@@ -39,7 +39,7 @@ SMALLEST = {
 }
 
 
-def find(case: Case, robot: Robot) -> Hints:
+def find(case: Case, robot: Robot) -> Motion:
     """Hints from the records and from the residual of the initial model."""
     n = len(robot.joints)
     low, high, fast = np.full(n, np.nan), np.full(n, np.nan), np.full(n, np.nan)
@@ -64,7 +64,7 @@ def find(case: Case, robot: Robot) -> Hints:
         pairs = zip(residuals, dts, strict=True)
         bends = [r[:, torques] if torques else bend(r[:, columns], dt) for r, dt in pairs]
         waves.append(ripples(turns, bends) if columns else ())
-    return Hints(low, high, distinct([each for each in intervals if each]), fast, tuple(waves))
+    return Motion(low, high, distinct([each for each in intervals if each]), fast, tuple(waves))
 
 
 def sized(hypotheses: Sequence[Hypothesis], forward: Forward) -> list[Hypothesis]:

@@ -14,7 +14,7 @@ from typing import Any
 from loco_sim import effects
 from loco_sim.effects import EFFECTS
 from loco_sim.effects.coordinates import Coordinate, assemble
-from loco_sim.effects.offers import Hints
+from loco_sim.effects.offers import Motion
 from loco_sim.robot.robot import Robot
 
 NOTHING_TO_TRY = "these recordings give it no place, time or signal to act on"
@@ -118,7 +118,7 @@ def separable(
     return rest, [(name, f"no recording tells it from {twin_names[name]}") for name in sorted(left)]
 
 
-def offer(robot: Robot, signals: Sequence[str], hints: Hints) -> list[Hypothesis]:
+def offer(robot: Robot, signals: Sequence[str], hints: Motion) -> list[Hypothesis]:
     """All hypotheses about a robot.
 
     Args:

@@ -453,7 +453,7 @@ def start(record: Record, robot: Robot) -> list[Start]:
 
 
 def with_integrals(
-    record: Record, robot: Robot, told: running.Orders, starts: list[Start]
+    record: Record, robot: Robot, told: running.CommandSequence, starts: list[Start]
 ) -> list[Start]:
     """Initial states with the integrators of the drives as the measured motion needs them."""
     if not robot.fixed_base or not running.integral_limits(robot).any():
@@ -476,7 +476,7 @@ def _home(record: Record, robot: Robot, q: np.ndarray) -> np.ndarray:
     return BEGUN + SURE * np.array(read)
 
 
-def idle(told: running.Orders) -> int:
+def idle(told: running.CommandSequence) -> int:
     """Number of rows before the command changes.
 
     A fixed-base robot at rest is in equilibrium with its loads; a model to which the same loads

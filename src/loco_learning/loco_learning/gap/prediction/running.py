@@ -10,10 +10,10 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from loco_control.exceptions import DivergedError, ParameterError
-from loco_sim.bolted.loop import Bolted, Pieces, needs_engine
+from loco_sim.bolted.loop import Bolted, Segments, needs_engine
 from loco_sim.drives.actuators import Actuators
 from loco_sim.effects.base import Effect
-from loco_sim.plant.orders import Orders, ramped
+from loco_sim.plant.orders import CommandSequence, ramped
 from loco_sim.plant.simulation import Simulation
 from loco_sim.robot.robot import Robot
 from loco_sim.robot.servo import ServoParams, TorqueDrive
@@ -52,7 +52,7 @@ def step(robot: Robot, dt: float) -> float:
         return sim.physics_dt
 
 
-def orders(record: Record, robot: Robot) -> Orders:
+def orders(record: Record, robot: Robot) -> CommandSequence:
     """Commands of a record.
 
     Raises:
@@ -78,7 +78,7 @@ def orders(record: Record, robot: Robot) -> Orders:
         power = np.stack([record.inputs.get(k, ones) for k in ("supply", "enable")], axis=1)
     ramps = tuple(kind in record.ramps for kind in ("position", "velocity", "torque"))
     stance = record.stance_of(robot.feet)
-    return Orders(made["q"], made["dq"], made["tau"], power, ramps, stance)
+    return CommandSequence(made["q"], made["dq"], made["tau"], power, ramps, stance)
 
 
 def _servos(drives: Sequence[Any]) -> np.ndarray:
@@ -101,7 +101,7 @@ def integral_limits(robot: Robot) -> np.ndarray:
     return found
 
 
-def integrals(robot: Robot, told: Orders, dt: float, state: np.ndarray) -> np.ndarray:
+def integrals(robot: Robot, told: CommandSequence, dt: float, state: np.ndarray) -> np.ndarray:
     """Torques of integrators with which a robot moves as measured [N·m or N], by inverse dynamics.
 
     Args:
@@ -129,7 +129,7 @@ def integrals(robot: Robot, told: Orders, dt: float, state: np.ndarray) -> np.nd
 def run(
     robot: Robot,
     effects: Sequence[Effect],
-    told: Orders,
+    told: CommandSequence,
     starts: Sequence[Start],
     dt: float,
     channels: Sequence[Channel],
@@ -154,7 +154,7 @@ def run(
     if starts:
         rows = np.array([[s.row, s.stop] for s in starts])
         states = [np.broadcast_arrays(s.q, s.dq, s.integral) for s in starts]
-        pieces = Pieces(rows, np.array(states, dtype=float))
+        pieces = Segments(rows, np.array(states, dtype=float))
     plant = Bolted(robot, made, 0, dt)
     with np.errstate(over="ignore", invalid="ignore"):
         swinging = told.swinging(robot)
@@ -165,7 +165,7 @@ def run(
 def instants(
     robot: Robot,
     effects: Sequence[Effect],
-    told: Orders,
+    told: CommandSequence,
     starts: Sequence[Start],
     dt: float,
     channels: Sequence[Channel],
@@ -188,7 +188,7 @@ def instants(
     table, which = ramped(np.stack(told[:3], axis=1), parts, told.ramps)
     power = None if told.power is None else np.repeat(told.power, parts, axis=0)
     stance = np.repeat(told.stance, parts, axis=0)
-    fine = Orders(*table[which].transpose(1, 0, 2), power, told.ramps, stance)
+    fine = CommandSequence(*table[which].transpose(1, 0, 2), power, told.ramps, stance)
     by_step = run(robot, effects, fine, rows, dt / parts, channels)[:, torques]
     by_step = by_step.reshape(len(told.q), parts, -1)  # torque of the step before each
     first = by_step[:, 1]  # under the command of the row
@@ -203,7 +203,7 @@ def instants(
 def _with_engine(
     robot: Robot,
     effects: list,
-    told: Orders,
+    told: CommandSequence,
     starts: Sequence[Start],
     dt: float,
     channels: Sequence[Channel],

@@ -158,7 +158,7 @@ def _bolted(experiment: Experiment) -> Log | None:
     told, speed = (np.array(rows) for rows in zip(*map(target.step, t), strict=True))
     plant = Bolted(robot, effects, experiment.seed, experiment.dt)
     with np.errstate(over="ignore", invalid="ignore"):
-        found = plant.run(*JointCommands(robot).orders(told, speed)[:3])
+        found = plant.run(*JointCommands(robot).sequence(told, speed)[:3])
     imu = {"gyro": np.zeros((len(t), 3)), "acceleration": np.tile(-plant.gravity, (len(t), 1))}
     columns = {"t": t, "command": told, "command_dq": speed, **found._asdict(), **imu}
     return Log(columns, experiment) if np.isfinite(found.q).all() else None

@@ -289,9 +289,9 @@ class JointOffset(Measuring, JointEffect, name="joint_offset"):
 
     def on_command(self, q: np.ndarray, dq: np.ndarray, t: float) -> tuple:
         if q is not self._sent:  # a new command
-            self._sent, self._turned = q, q.copy()
-            self._turned[self.joints] += self.offset
-        return self._turned, dq
+            self._sent, self._offset_q = q, q.copy()
+            self._offset_q[self.joints] += self.offset
+        return self._offset_q, dq
 
     def measure(self, values: np.ndarray, at: Layout, t: float) -> None:
         if values.ndim == 1:

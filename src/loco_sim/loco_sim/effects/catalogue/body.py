@@ -19,11 +19,11 @@ from ..base import Effect
 from ..chain import JointEffect
 from ..coordinates import Coordinate
 from ..identity import Identity, LookAlike, Prior
-from ..offers import AXES, Hints, Offer, logarithmic, strength, vector
+from ..offers import AXES, Motion, Offer, logarithmic, strength, vector
 from ..places import bodies, links, turning
 from ..pulls import Pull
 
-ROOM = 1.5  # range of payload positions on a base, relative to that of its joints (taste)
+PAYLOAD_RANGE = 1.5  # range of payload positions on a base, relative to that of its joints (taste)
 _INERTIA = (
     "Atkeson, An, Hollerbach 1986, Estimation of inertial parameters of manipulator loads and "
     "links, Int. J. Robotics Research 5(3)"
@@ -74,7 +74,7 @@ class Payload(Effect, name="payload"):
     )
 
     @classmethod
-    def offers(cls, robot: Any, signals: Sequence[str], hints: Hints) -> list[Offer]:
+    def offers(cls, robot: Any, signals: Sequence[str], motion: Motion) -> list[Offer]:
         """At the middle of each link, along a rotating link, and anywhere on a moving base."""
         text = Description(robot.urdf)
         rows, size = [], max(0.05 * text.mass(), 0.01)
@@ -83,7 +83,7 @@ class Payload(Effect, name="payload"):
         for link, com in links(robot):
             mass = strength(cls, "mass", size)
             if link == trunk:
-                span = max(ROOM * text.extent(link), *map(abs, com))
+                span = max(PAYLOAD_RANGE * text.extent(link), *map(abs, com))
                 at = (
                     Coordinate("position", span, (c / span,), -span, span, "m", direction=tuple(a))
                     for c, a in zip(com, AXES, strict=True)
@@ -132,7 +132,7 @@ class ComOffset(Effect, name="com_offset"):
     )
 
     @classmethod
-    def offers(cls, robot: Any, signals: Sequence[str], hints: Hints) -> list[Offer]:
+    def offers(cls, robot: Any, signals: Sequence[str], motion: Motion) -> list[Offer]:
         """On each rigid body, in all directions."""
         return [Offer(link, (("link", link),), vector(cls, "offset")) for link in bodies(robot)]
 
@@ -170,7 +170,7 @@ class Armature(JointEffect, name="armature"):
 
     def configure(self, world: Any) -> None:
         self.require(world.robot)
-        for j in self._chosen(world) if self.inertia > 0.0 else ():
+        for j in self._joint_indices(world) if self.inertia > 0.0 else ():
             joint = world.robot.joints[j]
             world.armature[joint] = world.armature.get(joint, 0.0) + self.inertia
 
@@ -209,7 +209,7 @@ class TrunkFlex(Effect, name="trunk_flex"):
     )
 
     @classmethod
-    def offers(cls, robot: Any, signals: Sequence[str], hints: Hints) -> list[Offer]:
+    def offers(cls, robot: Any, signals: Sequence[str], motion: Motion) -> list[Offer]:
         """A hinge in the middle of the trunk, about each axis."""
         free = strength(cls, "compliance", 0.003), logarithmic(cls, "damping", (0.1, 1.0))
         return [Offer("", (("axis", axis),), free, axis) for axis in "yxz"]
@@ -249,7 +249,7 @@ class CableForce(Effect, name="cable_force"):
     )
 
     @classmethod
-    def offers(cls, robot: Any, signals: Sequence[str], hints: Hints) -> list[Offer]:
+    def offers(cls, robot: Any, signals: Sequence[str], motion: Motion) -> list[Offer]:
         """From each link, or the base, to anchors ahead, behind and above."""
         rows, directions = [], ((1.0, 0.0, 0.3), (-1.0, 0.0, 0.3), (0.0, 0.0, 1.0))
         free = strength(cls, "stiffness", 20.0), logarithmic(cls, "length", (0.8,))

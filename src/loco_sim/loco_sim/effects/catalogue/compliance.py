@@ -14,7 +14,7 @@ from loco_control.params import parameter
 from .. import rows
 from ..chain import TorqueEffect
 from ..identity import Identity, LookAlike, Prior
-from ..offers import Hints, Offer, logarithmic, strength, within
+from ..offers import Motion, Offer, logarithmic, strength, within
 
 _TOUCHES = ("torque",)
 _KERSCHEN = (
@@ -49,7 +49,7 @@ class Elastic(TorqueEffect):
     def energy(self, q: np.ndarray, dq: np.ndarray) -> float:
         zero, slack = np.zeros(len(q)), self._slack
         grid = np.linspace(0.0, 1.0, 101)
-        tau = [self._alone.torque(zero, slack + s * (q - slack), zero, self._dt, 0.0) for s in grid]
+        tau = [self._chain.torque(zero, slack + s * (q - slack), zero, self._dt, 0.0) for s in grid]
         return -float(np.trapezoid(tau, grid, axis=0) @ (q - slack))
 
     def configure(self, world: Any) -> None:
@@ -224,12 +224,12 @@ class EndStop(Elastic, name="end_stop"):
     )
 
     @classmethod
-    def offers(cls, robot: Any, signals: Sequence[str], hints: Hints) -> list[Offer]:
+    def offers(cls, robot: Any, signals: Sequence[str], motion: Motion) -> list[Offer]:
         """At either side of each joint, inside the measured range."""
         rows, slack = [], rest(robot, np.arange(len(robot.joints)))
         free = strength(cls, "stiffness", 20.0), logarithmic(cls, "damping", (0.1,))
         for j, joint in enumerate(robot.joints):
-            edges = {"above": hints.high[j] - slack[j], "below": hints.low[j] - slack[j]}
+            edges = {"above": motion.high[j] - slack[j], "below": motion.low[j] - slack[j]}
             for side, limit in edges.items():
                 if not np.isfinite(limit) or abs(limit) < 1e-3 or (limit > 0) != (side == "above"):
                     continue

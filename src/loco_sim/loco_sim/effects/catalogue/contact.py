@@ -16,10 +16,10 @@ from loco_control.params import parameter
 
 from ... import lazy
 from ...geometry import Quaternion, multiply, rotate_back, rotation_matrix, seen_from
-from ...world.terrain import KINDS, Patches, Terrain
+from ...world.terrain import RELIEFS, Patches, Terrain
 from ..base import Effect
 from ..identity import Identity, LookAlike, Prior
-from ..offers import Hints, Offer, plain
+from ..offers import Motion, Offer, scalar_offer
 from ..readings import Layout, Measuring
 
 if TYPE_CHECKING:
@@ -44,11 +44,11 @@ def named(feet: Iterable[str], pattern: str) -> list[str]:
     return [foot for foot in feet if not pattern or fnmatchcase(foot, pattern)]
 
 
-def under_feet(whole: Offer, robot: Any) -> list[Offer]:
+def under_feet(all_feet: Offer, robot: Any) -> list[Offer]:
     """An offer for all feet together, then the same for each foot."""
     if len(robot.feet) < 2:
-        return [whole]
-    return [whole, *(whole._replace(place=f, fixed=(("foot", f),)) for f in robot.feet)]
+        return [all_feet]
+    return [all_feet, *(all_feet._replace(place=f, fixed=(("foot", f),)) for f in robot.feet)]
 
 
 @dataclass
@@ -74,9 +74,9 @@ class FootFriction(Effect, name="foot_friction"):
     )
 
     @classmethod
-    def offers(cls, robot: Any, signals: Sequence[str], hints: Hints) -> list[Offer]:
+    def offers(cls, robot: Any, signals: Sequence[str], motion: Motion) -> list[Offer]:
         """Under all feet, and under each."""
-        return under_feet(plain(cls, ""), robot)
+        return under_feet(scalar_offer(cls, ""), robot)
 
     def configure(self, world: Any) -> None:
         self.require(world.robot)
@@ -93,7 +93,7 @@ class Slip(Effect, name="slip"):
     share: float = parameter(0.3, "share of the time that a foot is on patches", "-", 0.01, 0.99)
     duration: float = parameter(0.3, "mean time on a patch", "s", 1e-3, 100.0)
     foot: str = parameter("", "feet, by name or pattern; empty is all")
-    needs, blind = ("feet",), True
+    needs, stateless = ("feet",), True
 
     draws = True
     identity = Identity(
@@ -191,9 +191,9 @@ class GroundCompliance(Giving, name="ground_compliance"):
     )
 
     @classmethod
-    def offers(cls, robot: Any, signals: Sequence[str], hints: Hints) -> list[Offer]:
+    def offers(cls, robot: Any, signals: Sequence[str], motion: Motion) -> list[Offer]:
         """Under all feet, and under each."""
-        return under_feet(plain(cls, ""), robot)
+        return under_feet(scalar_offer(cls, ""), robot)
 
     def depth(self, load: Mapping[str, np.ndarray], dt: float) -> dict[str, np.ndarray]:
         depths = {}
@@ -261,7 +261,7 @@ class RoughGround(Effect, name="terrain"):
 
     roughness: float = parameter(0.0, "standard deviation of the height", "m", 0.0, 0.5)
     length: float = parameter(0.3, "size of hills or steps", "m", 0.1, 10.0)
-    kind: str = parameter("uneven", "smooth hills, or flat tiles", choices=KINDS)
+    kind: str = parameter("uneven", "smooth hills, or flat tiles", choices=RELIEFS)
     pattern: int = parameter(0, "number of the random pattern", "-", 0, 2**31 - 1)
     flat: float = parameter(0.8, "radius of the flat start", "m", 0.0, 10.0)
     lasting, needs = True, ("base", "legs")
@@ -315,9 +315,9 @@ class GroundHeight(Effect, name="ground_height"):
     )
 
     @classmethod
-    def offers(cls, robot: Any, signals: Sequence[str], hints: Hints) -> list[Offer]:
+    def offers(cls, robot: Any, signals: Sequence[str], motion: Motion) -> list[Offer]:
         """Under each foot; the same height under all feet would have no effect."""
-        return under_feet(plain(cls, ""), robot)[1:]
+        return under_feet(scalar_offer(cls, ""), robot)[1:]
 
     def depth(self, load: Mapping[str, np.ndarray], dt: float) -> dict[str, np.ndarray]:
         feet = named(load, self.foot)

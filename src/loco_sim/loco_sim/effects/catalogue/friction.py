@@ -18,7 +18,7 @@ from loco_control.params import parameter
 from .. import rows
 from ..chain import BrakeEffect, TorqueEffect
 from ..identity import Identity, LookAlike, Prior
-from ..offers import Hints, Offer, at_most
+from ..offers import Motion, Offer, at_most
 from ..places import eligible, outward
 
 _TOUCHES = ("brake",)
@@ -56,7 +56,7 @@ class CoulombFriction(BrakeEffect, name="coulomb_friction"):
 class OwnFriction(CoulombFriction):
     """Dry friction of the joints of a robot itself, `Robot.joint_friction`."""
 
-    def _chosen(self, world: Any) -> np.ndarray:
+    def _joint_indices(self, world: Any) -> np.ndarray:
         has_friction = [joint in world.robot.joint_friction for joint in world.robot.joints]
         return np.flatnonzero(has_friction)
 
@@ -95,15 +95,15 @@ class StribeckFriction(BrakeEffect, name="stribeck_friction"):
     )
 
     @classmethod
-    def offers(cls, robot: Any, signals: Sequence[str], hints: Hints) -> list[Offer]:
+    def offers(cls, robot: Any, signals: Sequence[str], motion: Motion) -> list[Offer]:
         """At each joint, with Stribeck velocities within the measured speeds."""
-        fast = dict(zip(robot.joints, hints.fast, strict=False))
+        fast = dict(zip(robot.joints, motion.fast, strict=False))
         return [
             offer._replace(coordinates=tuple(
                 at_most(c, float(fast.get(offer.place, np.nan))) if c.name == "velocity" else c
                 for c in offer.coordinates
             ))
-            for offer in super().offers(robot, signals, hints)
+            for offer in super().offers(robot, signals, motion)
         ]  # fmt: skip
 
     def constants(self, world: Any, joints: np.ndarray) -> Sequence[Any]:

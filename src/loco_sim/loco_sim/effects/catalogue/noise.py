@@ -20,7 +20,7 @@ from ..readings import Layout, Measuring
 reading_laws = lazy.module("loco_sim.effects.reading_laws")
 
 
-def turned(orientation: Sequence[float], angle: np.ndarray) -> np.ndarray:
+def rotate(orientation: Sequence[float], angle: np.ndarray) -> np.ndarray:
     """Orientation after a small rotation about the base axes.
 
     Args:
@@ -92,4 +92,4 @@ class SensorNoise(Measuring, Effect, name="sensor_noise"):
         reading_laws.add_noise(values, self._std, drawn, first)
         if self.orientation:
             angle = self.orientation * drawn[first : first + 3]
-            values[first : first + 4] = turned(values[first : first + 4].tolist(), angle)
+            values[first : first + 4] = rotate(values[first : first + 4].tolist(), angle)

@@ -15,7 +15,7 @@ from loco_control.params import parameter
 from ..base import Effect
 from ..coordinates import Coordinate
 from ..identity import Identity, LookAlike, Prior
-from ..offers import Hints, Offer, vector
+from ..offers import Motion, Offer, vector
 from ..pulls import Pull
 from .body import carrier, reached
 
@@ -37,7 +37,7 @@ class ConstantForce(Effect, name="constant_force"):
     link: str = parameter("", "link that is pulled; empty is the base (last link if fixed)")
 
     _link = None  # the base
-    blind = True
+    stateless = True
 
     identity = Identity(
         site="outside",
@@ -56,7 +56,7 @@ class ConstantForce(Effect, name="constant_force"):
     )
 
     @classmethod
-    def offers(cls, robot: Any, signals: Sequence[str], hints: Hints) -> list[Offer]:
+    def offers(cls, robot: Any, signals: Sequence[str], motion: Motion) -> list[Offer]:
         """At the middle of each link, or of the base."""
         return [
             Offer(link, (("link", link), ("point", list(com))), vector(cls, "force"))
@@ -106,10 +106,10 @@ class Push(ConstantForce, name="push"):
     )
 
     @classmethod
-    def offers(cls, robot: Any, signals: Sequence[str], hints: Hints) -> list[Offer]:
+    def offers(cls, robot: Any, signals: Sequence[str], motion: Motion) -> list[Offer]:
         """On each link, or the base, during the intervals of large residuals."""
         rows = []
-        for (start, stop), (link, com) in product(hints.intervals, reached(robot)):
+        for (start, stop), (link, com) in product(motion.intervals, reached(robot)):
             half_duration = 0.5 * (stop - start)
             margin = half_duration + 0.2  # farther away it is another push
             ranges = (  # residuals continue after the push

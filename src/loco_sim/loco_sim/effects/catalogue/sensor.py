@@ -17,7 +17,7 @@ from ... import lazy
 from ...geometry import Quaternion, multiply, rotation_matrix, seen_from
 from ..base import Effect
 from ..identity import READ_AS, SENSOR_SIGNALS, Identity, LookAlike, Prior
-from ..offers import Hints, Offer, strength, vector
+from ..offers import Motion, Offer, strength, vector
 from ..places import joint_places
 from ..readings import Layout, Measuring
 from .compliance import rest
@@ -52,14 +52,14 @@ class JointSensor(Measuring, Effect):
 class LinearSensor(JointSensor):
     """Base of effects that multiply readings by a factor and add an offset."""
 
-    reads: ClassVar[Mapping[str, str]] = {}  # parameter by signal of a recording
+    names: ClassVar[Mapping[str, str]] = {}  # parameter by signal of a recording
     by_itself = True
 
     @classmethod
-    def offers(cls, robot: Any, signals: Sequence[str], hints: Hints) -> list[Offer]:
+    def offers(cls, robot: Any, signals: Sequence[str], motion: Motion) -> list[Offer]:
         """One parameter for each measured signal, joint by joint for joint signals."""
         rows: list[Offer] = []
-        for signal, name in cls.reads.items():
+        for signal, name in cls.names.items():
             if signal not in signals:
                 continue
             if isinstance(cls.__dataclass_fields__[name].default, tuple):
@@ -98,7 +98,7 @@ class SensorBias(LinearSensor, name="sensor_bias"):
     tau: float = parameter(0.0, "joint torque", "N·m", low=-200.0, high=200.0)
     gyro: Vector = parameter((0.0, 0.0, 0.0), "IMU angular velocity", "rad/s", -10.0, 10.0)
     accelerometer: Vector = parameter((0.0, 0.0, 0.0), "IMU specific force", "m/s²", -50.0, 50.0)
-    reads = {"q": "q", "tau": "tau", "gyro": "gyro", "acceleration": "accelerometer"}
+    names = {"q": "q", "tau": "tau", "gyro": "gyro", "acceleration": "accelerometer"}
 
     identity = Identity(
         site="sensor",
@@ -140,7 +140,7 @@ class SensorGain(LinearSensor, name="sensor_gain"):
     grf: float = parameter(0.0, "ground reaction force", "-", low=-0.9, high=2.0)
     gyro: float = parameter(0.0, "IMU angular velocity", "-", low=-0.9, high=2.0)
     accelerometer: float = parameter(0.0, "IMU specific force", "-", low=-0.9, high=2.0)
-    reads = {"q": "q", "tau": "tau", "grf": "grf", "gyro": "gyro", "acceleration": "accelerometer"}
+    names = {"q": "q", "tau": "tau", "grf": "grf", "gyro": "gyro", "acceleration": "accelerometer"}
 
     identity = Identity(
         site="sensor",
@@ -200,7 +200,7 @@ class SensorNonlinearity(JointSensor, name="sensor_nonlinearity"):
     )
 
     @classmethod
-    def offers(cls, robot: Any, signals: Sequence[str], hints: Hints) -> list[Offer]:
+    def offers(cls, robot: Any, signals: Sequence[str], motion: Motion) -> list[Offer]:
         """Both distortion terms of each joint's sensor."""
         free = strength(cls, "quadratic", 0.2), strength(cls, "cubic", 0.4)
         return [Offer(j, (("joint", j),), free) for j in cls.places(robot)]
@@ -264,7 +264,7 @@ class SensorLatency(Measuring, Effect, name="sensor_latency"):
     )  # fmt: skip
 
     @classmethod
-    def offers(cls, robot: Any, signals: Sequence[str], hints: Hints) -> list[Offer]:
+    def offers(cls, robot: Any, signals: Sequence[str], motion: Motion) -> list[Offer]:
         """All sensors together, and each signal alone if several were measured."""
         free = (strength(cls, "delay", cls.identity.priors["delay"].typical),)
         rows = [Offer("", (), free)]

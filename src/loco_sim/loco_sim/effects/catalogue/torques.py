@@ -15,7 +15,7 @@ from .. import rows
 from ..base import Effect
 from ..chain import TorqueEffect
 from ..identity import Identity, LookAlike, Prior
-from ..offers import Hints, Offer, logarithmic, strength
+from ..offers import Motion, Offer, logarithmic, strength
 from .compliance import Elastic
 
 
@@ -73,12 +73,12 @@ class TorqueRipple(TorqueEffect, name="torque_ripple"):
     )
 
     @classmethod
-    def offers(cls, robot: Any, signals: Sequence[str], hints: Hints) -> list[Offer]:
+    def offers(cls, robot: Any, signals: Sequence[str], motion: Motion) -> list[Offer]:
         """At each joint with a residual that is periodic in the angle."""
         free = strength(cls, "sine", 0.1), strength(cls, "cosine", 0.1)
         return [
             Offer(joint, (("joint", joint),), (*free, logarithmic(cls, "count", counts)))
-            for joint, counts in zip(robot.joints, hints.ripples, strict=False)
+            for joint, counts in zip(robot.joints, motion.ripples, strict=False)
             if counts and joint in robot.drives
         ]
 
@@ -116,4 +116,4 @@ class GravityCompensation(Effect, name="gravity_compensation"):
 
     def configure(self, world: Any) -> None:
         self.require(world.robot)
-        world.carried += self.share
+        world.compensated += self.share
