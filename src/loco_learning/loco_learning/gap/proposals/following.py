@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -14,6 +15,7 @@ from loco_sim.plant.model import Model
 from ..fitting.fit import Fitted
 from ..prediction.case import Case
 from ..prediction.forward import Forward
+from ..recordings.record import Record
 from ..statistics import evidence
 from ..statistics.leftover import LIMITS
 from ..verdict.decide import NO_GAP
