@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from .base import Effect
 
 AXES = np.eye(3).tolist()
+RADIUS = 2.0  # largest distance of the end of a cable from a likely one [m] (taste: a room)
 
 
 @dataclass(frozen=True)
@@ -82,6 +83,18 @@ def strength(
 def vector(cls: type[Effect], name: str) -> tuple[Coordinate, ...]:
     """Coordinates of the strengths of a vector parameter along x, y and z."""
     return tuple(strength(cls, name, cls.identity.priors[name].high / 3.0, axis) for axis in AXES)
+
+
+def place(cls: type[Effect], name: str, at: Sequence[float]) -> tuple[Coordinate, ...]:
+    """Coordinates of a place along x, y and z, within `RADIUS` of where it is looked for [m]."""
+    unit = bounds_of(cls, name)[2]
+    return tuple(
+        Coordinate(
+            name, 0.3, (0.0,), origin - RADIUS, origin + RADIUS, unit, False, False, tuple(axis),
+            origin=origin,
+        )
+        for axis, origin in zip(AXES, at, strict=True)
+    )  # fmt: skip
 
 
 def logarithmic(cls: type[Effect], name: str, starts: Sequence[float]) -> Coordinate:

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from loco_learning.gap.hypotheses.hints import distinct, interval
-from loco_learning.gap.hypotheses.hypotheses import offer, separable, untried
+from loco_learning.gap.hypotheses.hypotheses import Hypothesis, offer, separable, untried
 from loco_sim import effects
 from loco_sim.effects.catalogue.compliance import rest
 from loco_sim.effects.offers import Motion
@@ -78,8 +78,22 @@ def test_a_cable_hangs_from_where_the_base_is(height, base):
     made = replace(robot.load("servo_pendulum"), height=height)
     hints = Motion(np.full(1, -0.5), np.full(1, 0.5))
     offered = effects.EFFECTS["cable_force"].offers(made, ("q",), hints)
-    heights = {dict(one.fixed)["anchor"][2] for one in offered}
-    assert heights == {base + 0.3, base + 1.0}
+    every = [Hypothesis("cable_force", *one) for one in offered]
+    assert {h.term(h.starts()[0]).params["anchor"][2] for h in every} == {base + 0.3, base + 1.0}
+
+
+def test_the_end_of_a_cable_may_be_anywhere_near():
+    """Of three places that were fixed none was that of a cable, and a constant force was named."""
+    made = robot.load("servo_pendulum")
+    motion = Motion(np.full(1, -0.5), np.full(1, 0.5))
+    for one in effects.EFFECTS["cable_force"].offers(made, ("q",), motion):
+        h = Hypothesis("cable_force", *one)
+        start, first = h.starts()[0], len(h.coordinates) - 3
+        at = np.array(h.term(start).params["anchor"])
+        for axis in range(3):
+            moved = [x + (i == first + axis) for i, x in enumerate(start)]
+            change = np.array(h.term(moved).params["anchor"]) - at
+            assert change[axis] > 0.1 and np.count_nonzero(change) == 1
 
 
 def test_a_cable_is_tried_however_fast_the_physics():

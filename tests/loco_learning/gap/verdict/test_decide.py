@@ -147,6 +147,8 @@ def test_a_gap_without_a_cause_is_that_of_the_users_model_as_in_the_headline():
     given, base = fitted(rms=12.0), fitted(rms=10.0)
     found = decide(weigh([base], 0), base, References(given, base))
     assert f"the gap of {given.held.rms:.3g} noise" in found.evidence
+    assert f"refitted values of the robot leave {base.held.rms:.3g}" in found.evidence
+    assert "refitted" not in said().evidence
 
 
 def test_what_leaves_more_is_never_said_to_close_part_of_it():

@@ -121,7 +121,11 @@ def decide(
     given, base = references.given, references.base
     if not model.parts:
         if has_gap(base.whole):
-            text = f"No effect tried explains the gap of {given.held.rms:.3g} noise floors."
+            left = base.held.rms
+            rest = (
+                f"; refitted values of the robot leave {left:.3g}" if left < given.held.rms else ""
+            )
+            text = f"No effect tried explains the gap of {given.held.rms:.3g} noise floors{rest}."
             return Decision(UNKNOWN, (), False, text)
         text = f"The model explains the data: {base.held.rms:.2f} noise floors."
         return Decision(NO_GAP, (), True, text)

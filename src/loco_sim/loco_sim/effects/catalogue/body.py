@@ -19,7 +19,7 @@ from ..base import Effect
 from ..chain import JointEffect
 from ..coordinates import Coordinate
 from ..identity import Identity, LookAlike, Prior
-from ..offers import AXES, Motion, Offer, logarithmic, strength, vector
+from ..offers import AXES, Motion, Offer, logarithmic, place, strength, vector
 from ..places import bodies, links, turning
 from ..pulls import Pull
 
@@ -256,8 +256,9 @@ class CableForce(Effect, name="cable_force"):
         height = 0.5 if robot.height is None else robot.height
         for direction, (link, com) in product(directions, reached(robot)):
             anchor = [float(v) for v in np.array([0.0, 0.0, height]) + direction]
-            fixed = (("link", link), ("point", list(com)), ("anchor", anchor))
-            rows.append(Offer(link, fixed, free, f"to {anchor[0]:g} {anchor[2]:g}"))
+            fixed = (("link", link), ("point", list(com)))
+            rows.append(Offer(link, fixed, (*free, *place(cls, "anchor", anchor)),
+                              f"to {anchor[0]:g} {anchor[2]:g}"))  # fmt: skip
         return rows
 
     def configure(self, world: Any) -> None:
