@@ -1,5 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Compiled loop of `loop.Bolted`: drives, springs, laws of effects and dynamics."""
+"""Compiled loop of `loop.Bolted`: drives, springs, laws of effects and dynamics.
+
+Its cache holds the names of the tuples that it is called with: if one is renamed, move `run` to
+another line, or caches that are already there cannot be read.
+"""
 
 from __future__ import annotations
 
