@@ -248,6 +248,37 @@ def test_exchanged_names_without_torques_or_of_alike_bodies_are_not_told(judged)
     assert "exchanged" not in {f.fault for f in judged("arm", change=change, kinds=UNMEASURED)}
 
 
+@pytest.mark.parametrize(
+    ("name", "joint", "kinds", "offset"),
+    [("arm", "lift", ALL, 1.2), ("arm", "bend", PASSED, -0.9), ("arm", "lift", PASSED, 1.571),
+     ("leg", "lf_hfe_joint", PASSED, 1.2)],
+)  # fmt: skip
+def test_another_zero_of_an_angle_is_told_by_the_weight(judged, mended, name, joint, kinds, offset):
+    def change(rows):
+        for column in (f"q_{joint}", f"cmd_{joint}"):
+            rows[column] = rows[column] + offset
+
+    found = judged(name, change=change, kinds=kinds)
+    assert [(f.fault, f.joints) for f in found] == [("zero", (joint,))], [*map(str, found)]
+    assert not found[0].others
+    assert {c.role for c in found[0].mends} == {"q", "command_position"} & {ROLES[k] for k in kinds}
+    assert [c.value for c in found[0].mends] == pytest.approx(
+        [-offset] * len(found[0].mends), abs=0.1
+    )
+    assert family.look(*mended(found)) == []
+
+
+@pytest.mark.parametrize("kinds", [ALL, PASSED])
+def test_an_angle_from_the_base_is_told_by_the_weight(judged, kinds):
+    def change(rows):
+        for kind in ("q", "cmd"):
+            rows[f"{kind}_bend"] = rows[f"{kind}_bend"] + rows[f"{kind}_lift"]
+
+    (finding,) = judged("arm", change=change, kinds=kinds)
+    assert (finding.fault, finding.joints, finding.mends) == ("zero", ("bend",), ())
+    assert "if q of bend is an angle from the link before lift" in str(finding)
+
+
 HIPS = "tau_lf_haa_joint", "tau_lf_hfe_joint", "tau_lf_kfe_joint"
 PLANTED = [
     ("arm", ring("tau_lift", "tau_bend"), {"exchanged"}, {"lift", "bend"}),

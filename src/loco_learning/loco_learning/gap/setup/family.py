@@ -26,7 +26,7 @@ TESTS = (
     commands.scale, bodies.drafted, signals.ahead, torques.inclined, torques.commanded,
 )  # fmt: skip
 OF_TORQUES = (
-    torques.exchanged, torques.reversed_torques, torques.effort, torques.inclined,
+    torques.exchanged, torques.zeros, torques.reversed_torques, torques.effort, torques.inclined,
 )  # fmt: skip
 OF_RANGE = ("unit", "turns")  # faults that a range of angles may tell by mistake
 OF_MOTION = {"q", "dq", "command_position", "command_velocity"}

@@ -31,6 +31,8 @@ class Limits:
         sections: Steps of the golden-section search about the best of them.
         tilted: Angle above which a motion tells that a base is mounted wrongly [rad]; torques tell
             it from the priors of a slope on (`EFFECTS`), and `doubt`.
+        zero: Least offset of an angle that is another zero [rad]. Theory: a centre of mass moved
+            sideways by 0.84 of its distance to the axis has its weight at 0.7 rad.
         finer: Distance to each side over which a wrong angle is searched in sections [rad] (taste).
         carried: Largest error of zero gravity over that of rotated gravity, which has two
             parameters.
@@ -77,6 +79,7 @@ class Limits:
     about: tuple[float, float] = (0.4, 2.5)
     sections: int = 10
     tilted: float = 0.35
+    zero: float = 0.7
     finer: float = 0.03
     carried: float = 2.0
     rounds: int = 2

@@ -14,7 +14,7 @@ from weakref import WeakKeyDictionary
 
 import numpy as np
 from scipy.ndimage import gaussian_filter1d
-from scipy.optimize import least_squares, linear_sum_assignment, nnls
+from scipy.optimize import least_squares, linear_sum_assignment, minimize_scalar, nnls
 
 from loco_sim.bolted.loop import Bolted
 from loco_sim.effects import EFFECTS, from_list
@@ -30,7 +30,7 @@ from ..recordings.record import Record, bridged, spacing
 from .bench import Bench, robot_of
 from .commands import swapped
 from .finding import EFFECTS as ADDED
-from .finding import JOINT, MAPPING, MODEL, SCALE, SIGN, UNIT, Change, Finding
+from .finding import JOINT, MAPPING, MODEL, OFFSET, SCALE, SIGN, UNIT, Change, Finding, roles_of
 from .limits import LIMITS
 from .signals import BLOCKS, regressed
 
@@ -38,6 +38,7 @@ ROWS = 400  # rows of all recordings together at which dynamics are computed (ta
 SLOW = 0.05  # speed below which dry friction has no sign, over the rms of a joint (taste)
 STOP = 0.02  # distance from a joint stop over the range, up to which it may hold (taste)
 STEP = 1e-3  # change of a position for a derivative [rad or m]
+APART = np.pi / 12.0  # distance of angles that are tried as another zero [rad] (taste)
 ROUNDS = 4  # fits, each weighted by the errors of the one before (taste)
 FINEST = 0.01  # least error of a torque over its rms: what a model misses at best (taste)
 TAU, TOLD = "tau", "command_torque"
@@ -124,6 +125,10 @@ class Torques:
         columns = enumerate(self.columns[role].T)
         return np.array([explained(self.motion(i), torque)[1] for i, torque in columns])
 
+    def missed(self) -> float:
+        """Sum of the shares of all torques that the motion of their own joint does not explain."""
+        return float(sum(self.own_errors(role).sum() for role in self.columns))
+
     def exchanged(self, i: int, j: int) -> Torques:
         """The same with the names of two joints exchanged in all columns."""
         order = np.arange(len(self.robot.joints))
@@ -133,6 +138,17 @@ class Torques:
         tau, commands = self.tau[:, order], self.commands[:, order]
         return replace(self, tau=tau, commands=commands, q=q, speed=speed, rate=rate, free=free,
                        weight=weight)  # fmt: skip
+
+    def shifted(self, joint: int, offset: float, before: int | None = None) -> Torques:
+        """The same with an offset on the angle of a joint [rad], less that of a joint before it."""
+        values = [self.q, self.speed, self.rate]
+        if before is not None:
+            one = np.eye(len(self.robot.joints))[joint]
+            values = [x - x[:, before, None] * one for x in values]
+        values[0] = values[0] + offset * np.eye(len(self.robot.joints))[joint]
+        free, weight = self.plant().needed(*values)
+        q, speed, rate = values
+        return replace(self, q=q, speed=speed, rate=rate, free=free, weight=weight)
 
     def plant(self, *effects: dict) -> Bolted:
         """Dynamics with further effects."""
@@ -288,6 +304,67 @@ def _rings(to: np.ndarray) -> Iterator[list[int]]:
             ring.append(following)
         moved -= set(ring)
         yield ring
+
+
+def zeros(bench: Bench) -> list[Finding]:
+    """Findings of turning joints whose angle has another zero than in the URDF, or another base.
+
+    Their torque is not explained as it is, but where the weight is that of another angle. If the
+    torque with the other sign is explained as well, both lines are given.
+    """
+    torques = read(bench)
+    if torques is None or not np.isfinite(torques.free).all() or not torques.gravity.any():
+        return []
+    found = []
+    for role, (i, joint) in itertools.product(torques.columns, enumerate(torques.robot.joints)):
+        torque = torques.columns[role][:, i]
+        before, opposite = (explained(torques.motion(i), x)[1] for x in (torque, -torque))
+        limit = min(before / LIMITS.better, LIMITS.left, opposite * LIMITS.alike)
+        ways = _zeros(torques, i, torque) if limit > FINEST else {}
+        for base, (after, offset) in ways.items():
+            alone = after < ways[""][0] / LIMITS.alike if base else abs(offset) >= LIMITS.zero
+            if after <= limit and alone:
+                found.append((after / before, after, joint, role, base, offset, before, opposite))
+    if not found:
+        return []
+    _, after, joint, role, base, offset, before, opposite = min(found)
+    says = f"motion leaves {before:.0%} of {role} of {joint} unexplained, and {after:.0%}"
+    if base:
+        says += f" if q of {joint} is an angle from the link before {base}: write its difference " \
+                f"to q of {base} into the recording"  # fmt: skip
+        return [Finding("zero", (joint,), says)]
+    says += f" with {np.degrees(offset):+.0f} degrees on q: the zero of the log is not that of " \
+            "the URDF"  # fmt: skip
+    known = {of for record in bench.whole()[1] for of in roles_of(record, joint)}
+    lines = tuple(Change(MAPPING, OFFSET, round(offset, 3), of, joint)
+                  for of in ("q", "command_position") if of in known)  # fmt: skip
+    sign = ((Change(MAPPING, SIGN, -1, role, joint),),)
+    finding = Finding("zero", (joint,), says, lines, sign * (opposite < after * LIMITS.alike))
+    return [finding, *zeros(bench.mended(lines))]
+
+
+def _zeros(torques: Torques, joint: int, torque: np.ndarray) -> dict[str, tuple[float, float]]:
+    """Error of a torque, and the offset of the angle [rad] from which motion explains it best.
+
+    By the joint before whose link the angle may be measured from; empty for the URDF's.
+    """
+    text, names = Description(torques.robot.urdf), torques.robot.joints
+    if text.joint_types().get(names[joint]) == "prismatic" or not np.isfinite(torque).all():
+        return {}
+    chain = text.above(text.child(names[joint]))[1:]  # the next first
+    before = [names.index(name) for name in chain if name in names]
+    ways = {}
+    for base in (None, *before[:1]):
+
+        def left(offset: float, base: int | None = base) -> float:
+            return explained(torques.shifted(joint, offset, base).motion(joint), torque)[1]
+
+        near = min(np.arange(-np.pi, np.pi, APART), key=left)
+        ends, fine = (near - APART, near + APART), {"xatol": 1e-3}
+        best = minimize_scalar(left, bounds=ends, method="bounded", options=fine)
+        offset = (float(best.x) + np.pi) % (2.0 * np.pi) - np.pi
+        ways[names[base] if base is not None else ""] = max(float(best.fun), FINEST), offset
+    return ways
 
 
 def reversed_torques(bench: Bench) -> list[Finding]:
@@ -463,6 +540,10 @@ def inclined(bench: Bench) -> list[Finding]:
         residual.fitted(columns)[2] < LIMITS.alike * after
         for columns in _rivals_of(torques, residual)
     ):
+        return []
+    lines = [change for finding in zeros(bench) for change in finding.mends]
+    zero = read(bench.mended(lines)) if lines else None
+    if zero and zero.missed() < replace(torques, gravity=down).missed():
         return []
     spec = {"name": "slope", **_slope(torques.gravity, down)}
     pose = "upside down" if angle > 0.9 * np.pi else "inclined"
