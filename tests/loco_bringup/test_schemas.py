@@ -42,7 +42,7 @@ def files(kind):
     return sorted(TOP.glob(SHIPPED[kind]))
 
 
-@pytest.mark.parametrize("kind", schemas.KINDS)
+@pytest.mark.parametrize("kind", schemas.SCHEMAS)
 def test_a_schema_is_one_and_is_json(kind):
     made = schemas.schema(kind)
     jsonschema.Draft202012Validator.check_schema(made)

@@ -13,7 +13,7 @@ from rclpy.serialization import serialize_message
 from sensor_msgs.msg import Imu, JointState
 from tf2_msgs.msg import TFMessage
 
-from loco_bringup.logs.export import plain as values_of
+from loco_bringup.logs.export import to_plain as values_of
 from loco_control.exceptions import NameUnknownError, ParameterError
 from loco_control.ros.messages import definitions, plain
 from loco_control.ros.messages.codec import Codec

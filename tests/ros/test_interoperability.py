@@ -18,7 +18,7 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from sensor_msgs.msg import JointState
 
 from loco_bringup.bag.reader import Bag
-from loco_bringup.logs.export import plain
+from loco_bringup.logs.export import to_plain
 from loco_control.ros.messages import definitions
 from loco_control.ros.messages.codec import Codec
 from loco_control.ros.messages.installed import ros_class
@@ -65,13 +65,13 @@ def test_every_message_of_a_golden_bag_is_read_alike_by_all(name):
                 ours[topic][count[topic]], ros_class(bag.topics[topic].type)
             )
             theirs = numbers(reader.deserialize(data, connection.msgtype))
-            assert theirs == numbers(plain(native))
+            assert theirs == numbers(to_plain(native))
             count[topic] += 1
     assert count == {topic: len(messages) for topic, messages in ours.items()}
     others: Counter[str] = Counter()
     for message in read_ros2_messages(bag.path):
         topic = message.channel.topic
-        mine = numbers(plain(bag.message(topic, ours[topic][others[topic]])))
+        mine = numbers(to_plain(bag.message(topic, ours[topic][others[topic]])))
         assert numbers(message.ros_msg) == mine
         others[topic] += 1
     assert others == count
@@ -86,7 +86,7 @@ def test_a_strict_reader_takes_every_message_that_a_graph_sends(kind):
     message = ros_class(kind)()
     read = store.deserialize_cdr(Codec(message).template, kind)
     theirs = numbers(read)
-    assert (theirs[1:] if kind.endswith("/Empty") else theirs) == numbers(plain(message))
+    assert (theirs[1:] if kind.endswith("/Empty") else theirs) == numbers(to_plain(message))
 
 
 @pytest.mark.parametrize("fields", LISTS)
@@ -95,7 +95,7 @@ def test_joints_with_any_fields_left_out_are_taken_by_a_strict_reader(fields):
     read = get_typestore(Stores.ROS2_JAZZY).deserialize_cdr(
         Codec(message).template, "sensor_msgs/msg/JointState"
     )
-    assert numbers(read) == numbers(plain(message))
+    assert numbers(read) == numbers(to_plain(message))
 
 
 @pytest.mark.ros

@@ -18,7 +18,6 @@ from loco_control.files import write_whole
 from loco_control.reading import parse_json, read_npz, shown, understanding
 
 
-
 class Weights(TypedDict):
     """Plain values of a weight file; those of `senses` have further ones."""
 
@@ -98,33 +97,33 @@ def write(
     write_whole(path, lambda file: save(file, meta=text, **arrays))
 
 
-def read(path: str | Path, *kinds: str) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
+def read(path: str | Path, *permitted: str) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
     """Plain values and arrays of a file; of several permitted kinds, the actual one is in "kind".
 
     Raises:
         MissingFileError: The file does not exist.
         ParameterError: The kind or version is another one, or a value is invalid.
     """
-    kind = kinds[0]
+    kind = permitted[0]
     arrays = read_npz(path, f"{kind} file of loco")
     meta = parse_json(str(arrays.pop("meta", "")), path)
     if not isinstance(meta, dict):
         raise ParameterError(f"{path} is not a {kind} file of loco (its meta is no mapping)")
     stored = (meta.get("kind"), meta.pop("format", None))
-    if stored not in [(kind, FORMATS[kind][0]) for kind in kinds]:
+    if stored not in [(kind, FORMATS[kind][0]) for kind in permitted]:
         raise ParameterError(
             f"{path} is a {str(stored[0])[:40]} file of format {shown(stored[1])}; "
             f"wanted is a {kind} file of format {FORMATS[kind][0]}"
         )
     check_file(meta, FORMATS[meta["kind"]][1], path)
-    if len(kinds) == 1:
+    if len(permitted) == 1:
         meta.pop("kind")
     return meta, arrays
 
 
 @contextlib.contextmanager
 def reading(
-    path: str | Path, *kinds: str
+    path: str | Path, *permitted: str
 ) -> Iterator[tuple[dict[str, Any], dict[str, np.ndarray]]]:
     """Context manager of `read`, for a block that builds objects from the values.
 
@@ -132,9 +131,9 @@ def reading(
         LocoError: See `read`.
         ParameterError: The block fails on the values; the message names the file.
     """
-    values = read(path, *kinds)
+    values = read(path, *permitted)
     try:
-        with understanding(path, f"{kinds[0]} file of loco"):
+        with understanding(path, f"{permitted[0]} file of loco"):
             yield values
     except LocoError as error:
         named = str(path) in str(error)

@@ -19,7 +19,7 @@ from loco_bringup.export_model.write import TARGETS
 from loco_bringup.graph.run import LAYOUTS
 from loco_bringup.logs.export import FORMATS
 from loco_bringup.reproduce.terminal import WHAT
-from loco_bringup.schemas import KINDS
+from loco_bringup.schemas import SCHEMAS
 from loco_control.exceptions import MissingPackageError
 from loco_learning.calibration.mawe import LOSSES
 from loco_learning.calibration.parameters import SETS
@@ -226,7 +226,7 @@ def test_schemas_go_to_the_screen_or_to_files(run, tmp_path):
     assert code == 0
     assert "servos" in json.loads(out)["properties"]
     assert run("schema", "--out", tmp_path / "schemas")[0] == 0
-    assert {p.stem for p in (tmp_path / "schemas").iterdir()} == set(KINDS)
+    assert {p.stem for p in (tmp_path / "schemas").iterdir()} == set(SCHEMAS)
 
 
 @pytest.mark.ros
@@ -394,7 +394,7 @@ def test_a_shell_completes_commands_options_and_names(run, tmp_path, monkeypatch
 
 
 CHOICES = [
-    ("schema", "kind", KINDS), ("reproduce", "what", WHAT),
+    ("schema", "kind", SCHEMAS), ("reproduce", "what", WHAT),
     ("export-model", "to", TARGETS), ("export-model", "gear", GEARS), ("export", "format", FORMATS),
     ("run", "layout", (*LAYOUTS, "rollout")), ("replay --verify", "layout", LAYOUTS),
     ("calibrate", "parameters", SETS), ("calibrate", "loss", LOSSES),

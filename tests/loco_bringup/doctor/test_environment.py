@@ -18,7 +18,7 @@ from loco_bringup.doctor import environment as doctor
 from loco_bringup.doctor.graph import check_graph, check_plants
 from loco_bringup.doctor.top import text
 from loco_bringup.graph.processes import _environment
-from loco_bringup.graph.view import Onlooker, Report, View
+from loco_bringup.graph.view import GraphObserver, Report, View
 from loco_bringup.testing import Graph
 
 pytestmark = [pytest.mark.ros, pytest.mark.xdist_group("graph")]
@@ -129,7 +129,7 @@ def planted():
     user.create_publisher(Float64, "gait_frequency", best_effort)
     user.create_publisher(Float64, "cmd_vel", 1)
     try:
-        with Onlooker() as onlooker:
+        with GraphObserver() as onlooker:
             end, found = time.monotonic() + 40.0, []
             while time.monotonic() < end and not PLANTED <= named(found):
                 view = onlooker.listen(1.0)
@@ -188,7 +188,7 @@ def test_a_graph_on_another_domain_is_pointed_at(planted):
 def look(seconds, until):
     """Findings, and what they were read from, once they fit or after what a busy machine needs."""
     end = time.monotonic() + 90.0
-    with Onlooker() as onlooker:
+    with GraphObserver() as onlooker:
         view = onlooker.listen(seconds)
         while not until(check_graph(view)) and time.monotonic() < end:
             view = onlooker.listen(1.0)

@@ -61,7 +61,7 @@ def test_it_writes_a_page_and_json_and_refuses_what_is_no_use(write, tmp_path, c
     assert "not usable as it is" in said and "deg" in said
     assert "viscous" in said and "a search takes about" in said
     values = json.loads((out / check.JSON).read_text())
-    assert values["verdict"] == check.REFUSED
+    assert values["verdict"] == check.UNUSABLE
     assert [r["name"] for r in values["recordings"]] == ["moved"]
     assert values["recordings"][0]["lag_ms"]["pivot"] == pytest.approx(1e3 * LATE, abs=4.0)
     assert "coulomb friction" in (out / check.PAGE).read_text()

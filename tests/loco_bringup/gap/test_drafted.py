@@ -39,7 +39,7 @@ def search(monkeypatch, tmp_path, capsys):
 
     def find(model, fit, held, params, progress, workers, keep, memory):
         asked.update(model=model, fit=fit)
-        known = result(reading=contents.doubts(fit))
+        known = result(reading=contents.reading_warnings(fit))
         keep(known, curves())
         return known
 

@@ -21,7 +21,7 @@ from loco_learning.gap.contents import gap as gap_of
 from loco_learning.gap.fitting.fit import weigh
 from loco_learning.gap.hypotheses import hints
 from loco_learning.gap.hypotheses.hypotheses import offer
-from loco_learning.gap.localisation.curves import Curves, curves, joined, load
+from loco_learning.gap.localisation.curves import Curves, curves, load, merge
 from loco_learning.gap.params import GapParams
 from loco_learning.gap.prediction import case as cases
 from loco_learning.gap.prediction import led
@@ -125,7 +125,9 @@ def test_a_robot_that_is_told_torques_shows_torques():
         made.append(replace(empty, signals={"q": said[:, :1]}))
     rubbing = QUICK.replace(effects=("coulomb_friction",), setup=False)  # ten times the gain
     found, drawn = search(strong, made[:1], made[1:], rubbing)
-    assert found["compared"] == led.Led.how and [c[0] for c in drawn.channels] == ["tau"]
+    assert found["compared"] == led.InverseDynamics.how and [c[0] for c in drawn.channels] == [
+        "tau"
+    ]
     known = np.isfinite(drawn.records[1].measured[:, 0])
     assert known.mean() > 0.7
     check(found, drawn)
@@ -143,16 +145,16 @@ def test_on_the_ground_pieces_are_judged_and_shown(tmp_path):
     assert case.ground
     offered = offer(robot, case.signals, hints.find(case, robot))
     rubs = next(h for h in offered if h.effect == "viscous_friction")
-    models = weigh(case, (), {}, given=True), weigh(case, [(rubs, rubs.starts()[0])], {})
+    models = weigh(case, (), {}, initial=True), weigh(case, [(rubs, rubs.starts()[0])], {})
     gap, drawn = gap_of(case, *models), curves(case, *models)
     check(result("unknown", gap=gap), drawn)
     air = curves(case, models[1], models[0])
-    check(result("unknown", gap=gap), joined(air, drawn))
+    check(result("unknown", gap=gap), merge(air, drawn))
 
 
 def test_a_model_that_diverges_counts_and_is_not_drawn():
     case = cases.prepare(Forward(SLIDE, [*records()[0]]), records()[0], [])
-    given = weigh(case, (), {}, given=True)
+    given = weigh(case, (), {}, initial=True)
     lost = replace(given, whole=tuple(np.where(np.isfinite(r), LIMIT, r) for r in given.whole))
     drawn = curves(case, given, lost)
     assert np.isnan(drawn.records[0].after).all()

@@ -375,8 +375,8 @@ def test_a_robot_given_by_its_path_is_found_from_the_model_file(tmp_path):
     (tmp_path / "robot").mkdir()
     (tmp_path / "robot/robot.yaml").write_text("x")
     there = Model(str(tmp_path / "robot/robot.yaml"))
-    assert runner.beside(there, tmp_path / "out").robot == "../robot/robot.yaml"
-    assert runner.beside(Model("tigrillo"), tmp_path).robot == "tigrillo"
+    assert runner.relocated(there, tmp_path / "out").robot == "../robot/robot.yaml"
+    assert runner.relocated(Model("tigrillo"), tmp_path).robot == "tigrillo"
 
 
 def test_the_help_names_every_option_of_the_tutorial():

@@ -80,7 +80,7 @@ def test_a_stopped_process_hears_a_signal_and_a_missing_one_is_no_error(child):
 
 @pytest.mark.parametrize(("code", "end"), [(SLEEPS, signal.SIGTERM), (STUBBORN, signal.SIGKILL)])
 def test_what_still_runs_is_signalled_until_it_ends(child, monkeypatch, code, end):
-    monkeypatch.setattr(guard, "PATIENCE", ((2, 0.4), (signal.SIGTERM, 0.6), (signal.SIGKILL, 9.0)))
+    monkeypatch.setattr(guard, "TIMEOUTS", ((2, 0.4), (signal.SIGTERM, 0.6), (signal.SIGKILL, 9.0)))
     one = child(code)
     began = time.monotonic()
     guard.end_all({one.pid: guard.start_of(one.pid)})
@@ -108,7 +108,7 @@ def test_the_kernel_has_ten_seconds_then_a_signal_two_then_the_last_five(monkeyp
 
 
 def test_it_does_not_wait_for_what_has_ended(child, monkeypatch):
-    monkeypatch.setattr(guard, "PATIENCE", ((2, 30.0),) * 3)
+    monkeypatch.setattr(guard, "TIMEOUTS", ((2, 30.0),) * 3)
     one = child()
     begins = {one.pid: guard.start_of(one.pid)}
     one.kill()

@@ -22,7 +22,7 @@ from loco_bringup.graph import run as runner
 from loco_bringup.graph.process_info import start_of
 from loco_bringup.graph.processes import Guard, Process, Restart, stop_all
 from loco_bringup.graph.watch import Watch
-from loco_bringup.outcome import KEPT
+from loco_bringup.outcome import LIMIT
 from loco_control.exceptions import GraphError, ParameterError
 from loco_control.ros.parameters import sealed_node
 from loco_learning.runs.experiment import load
@@ -264,10 +264,10 @@ def environment():
 def test_a_supervisor_keeps_the_newest_events_only(tmp_path):
     """Each time-out of a busy machine is an event: a run of an hour had thousands."""
     watch = Watch([], tmp_path, 1.0, lambda progress: None, {"": "hyq"})
-    for tick in range(KEPT + 5):
+    for tick in range(LIMIT + 5):
         watch.on_event("", SimpleNamespace(kind="timeout", tick=tick, text="", node="robot_sim"))
     ticks = [event.tick for _, event in watch._progress.events]
-    assert ticks == list(range(5, KEPT + 5))
+    assert ticks == list(range(5, LIMIT + 5))
 
 
 def test_ctrl_c_within_a_message_ends_the_run_after_it(tmp_path):

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from loco_learning.gap.hypotheses import hints
-from loco_learning.gap.hypotheses.bundles import Bundle
+from loco_learning.gap.hypotheses.bundles import Batch
 from loco_learning.gap.hypotheses.hypotheses import offer
 from loco_learning.gap.prediction import case as cases
 from loco_learning.gap.prediction.forward import Forward
@@ -127,7 +127,7 @@ def bench():
         forward = Forward(SLIDE, [*fit, *judge])
         case, robot = cases.prepare(forward, fit, judge), forward.robot(0)
         offered = offer(robot, case.signals, hints.find(case, robot))
-        return case, {h.effect: Bundle((h,), (None,)) for h in offered}
+        return case, {h.effect: Batch((h,), (None,)) for h in offered}
 
     return make
 

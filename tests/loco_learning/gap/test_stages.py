@@ -110,4 +110,4 @@ BOTH = [
 @pytest.mark.parametrize(("air", "ground", "both"), BOTH)
 def test_the_surest_word_is_that_of_the_less_sure(air, ground, both):
     model = Model("tigrillo")
-    assert stages.joined(result(model, air, []), result(model, ground, []))["verdict"] == both
+    assert stages.merge(result(model, air, []), result(model, ground, []))["verdict"] == both

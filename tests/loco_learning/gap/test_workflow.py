@@ -183,16 +183,16 @@ def test_engines_are_compared_with_what_was_found_where_the_guess_was_another(
     """On the ground, the floor is that of the robot as it is, whatever was guessed before."""
     prepare, compared = workflow.cases.prepare, []
 
-    def on_ground(forward, records, held_out, likely=(), known=()):
-        compared.append([spec["name"] for spec in likely])
-        return replace(prepare(forward, records, held_out, (), known), ground=True)
+    def on_ground(forward, records, held_out, suspects=(), free_names=()):
+        compared.append([spec["name"] for spec in suspects])
+        return replace(prepare(forward, records, held_out, (), free_names), ground=True)
 
     def guessed(case, hypotheses, each):
         first = next(h for h in hypotheses if h.effect == guess)
         return hypotheses, [], [(first, first.starts()[0])]
 
     monkeypatch.setattr(workflow.cases, "prepare", on_ground)
-    monkeypatch.setattr(workflow, "likely", guessed)
+    monkeypatch.setattr(workflow, "likely_hypotheses", guessed)
     shares, (fit, judge) = [], slide.records([{"name": "viscous_friction", "damping": 20.0}])
     told = lambda share, *_: shares.append(share)  # noqa: E731
     gap = workflow.find(slide.model, fit[:1], judge, FEW.replace(**CHEAP), progress=told)

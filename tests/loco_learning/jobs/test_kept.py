@@ -56,7 +56,7 @@ def test_a_changed_byte_of_a_whole_line_is_seen(written):
 def test_a_journal_of_other_work_is_refused_or_begun_anew(written, caplog):
     with pytest.raises(ParameterError, match="belongs to other work: what is 'rows' there"):
         Journal(written, {**HEADER, "what": "columns"})
-    with closing(Journal(written, {**HEADER, "what": "columns"}, anew=True)) as one:
+    with closing(Journal(written, {**HEADER, "what": "columns"}, new=True)) as one:
         assert one.rows == []
     assert "work that was begun is done anew" in caplog.text
     assert journal.read(written)[0]["what"] == "columns"
@@ -208,7 +208,7 @@ def test_a_pipe_in_the_place_of_a_journal_is_not_waited_for(tmp_path):
 def test_a_journal_that_is_full_keeps_what_it_has(tmp_path, monkeypatch):
     path = tmp_path / "search.jsonl"
     wanted = search(Memory(path, (1,), (Answer,)))
-    monkeypatch.setattr(kept, "MOST", 1000)
+    monkeypatch.setattr(kept, "LIMIT", 1000)
     memory = Memory(path, (1,), (Answer,))
     jobs = [(float(x),) for x in range(50)]
     with pytest.raises(SystemExit), memory:

@@ -98,7 +98,7 @@ def test_a_battery_goes_on_and_refuses_another_one(tmp_path, monkeypatch):
         gap_battery_bags.write_json(folder / "results" / f"{case.name}.json", result)
         return result
 
-    monkeypatch.setattr(pool, "start", lambda function, **_: pool.Here(fake))
+    monkeypatch.setattr(pool, "start", lambda function, **_: pool.InProcess(fake))
     told = []
     a = options("--cases", "3", "--seed", "4", "--robots", "linear_axis", "--baselines")
     gap_battery.run(a, tmp_path, lambda *news: told.append(news))
@@ -192,7 +192,7 @@ def test_a_case_that_fails_is_an_error_the_others_go_on_and_it_is_tried_again(
         gap_battery_bags.keep(folder, result)
         return result
 
-    monkeypatch.setattr(pool, "start", lambda function, **_: pool.Here(fake))
+    monkeypatch.setattr(pool, "start", lambda function, **_: pool.InProcess(fake))
     a = options("--cases", "2", "--seed", "4", "--robots", "linear_axis", "--baselines")
     first, second = gap_battery.run(a, tmp_path, lambda *news: None)
     assert (first["verdict"], first["error"]) == ("error", "no room")

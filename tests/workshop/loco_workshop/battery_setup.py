@@ -25,7 +25,7 @@ def false_findings(battery: Path) -> Iterator[tuple[str, list[str]]]:
     for truth in sorted((battery / "truth").glob("*.json")):
         robot = json.loads(truth.read_text())["robot"]
         model, fit, held = trial.read(battery / "bags" / truth.stem, robot)
-        yield truth.stem, [str(finding) for finding in family.look(model, [*fit, *held])]
+        yield truth.stem, [str(finding) for finding in family.find_mistakes(model, [*fit, *held])]
 
 
 def lines(battery: Path) -> Iterator[str]:

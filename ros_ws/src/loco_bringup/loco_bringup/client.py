@@ -84,5 +84,5 @@ def kind_of(qos: QoSProfile) -> tuple[bool, bool]:
 
 def matching(writers: Sequence[Any], depth: int) -> QoSProfile:
     """QoS profile compatible with every writer: the weakest reliability and durability."""
-    kinds = [kind_of(writer.qos_profile) for writer in writers] or [(False, False)]
-    return profile(*map(all, zip(*kinds, strict=True)), depth)
+    policies = [kind_of(writer.qos_profile) for writer in writers] or [(False, False)]
+    return profile(*map(all, zip(*policies, strict=True)), depth)

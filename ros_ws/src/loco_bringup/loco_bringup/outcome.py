@@ -20,7 +20,7 @@ from loco_learning.runs.experiment import Experiment
 from . import __version__
 
 STEP = "physics_step"  # key of a bag's metadata: physics step of the plant [s]
-KEPT = 1000  # largest number of events that a supervisor retains
+LIMIT = 1000  # largest number of events that a supervisor retains
 VERSIONS = ("ros-rclpy", "pybullet", "mujoco", "numpy", "scipy", "numba", "mcap")
 
 
@@ -34,7 +34,7 @@ class Progress:
     real_time_factor: float = 0.0
     pids: dict[str, int] = field(default_factory=dict)  # process ids by name
     # Newest event: time of arrival [s], text.
-    events: deque[tuple[float, Any]] = field(default_factory=lambda: deque(maxlen=KEPT))
+    events: deque[tuple[float, Any]] = field(default_factory=lambda: deque(maxlen=LIMIT))
 
 
 @dataclass
@@ -96,7 +96,7 @@ def duration_of(experiment: Experiment) -> float:
     return experiment.ticks / experiment.control_rate
 
 
-def describe(experiment: Experiment, **more: Any) -> dict[str, str]:
+def describe(experiment: Experiment, **extra: Any) -> dict[str, str]:
     """Metadata of a run for its bag: experiment, seed, versions, physics step of its plant."""
     versions = {"loco": __version__}
     for name in VERSIONS:
@@ -109,7 +109,7 @@ def describe(experiment: Experiment, **more: Any) -> dict[str, str]:
     values |= {"versions": json.dumps(versions), "processor": processor()}
     if hasattr(experiment, "sim_params"):  # networks of masses and springs have no engine
         values[STEP] = 1.0 / experiment.sim_params.physics_rate
-    values |= more
+    values |= extra
     return {key: str(value) for key, value in values.items()}
 
 

@@ -55,28 +55,28 @@ def schema(kind: str) -> Schema:
     """JSON Schema (2020-12) of a kind of file.
 
     Args:
-        kind: One of `KINDS`.
+        kind: One of `SCHEMAS`.
 
     Raises:
         NameUnknownError: There is no such kind.
     """
-    if kind not in KINDS:
-        raise NameUnknownError("kind of file", kind, KINDS)
-    title, make = KINDS[kind]
+    if kind not in SCHEMAS:
+        raise NameUnknownError("kind of file", kind, SCHEMAS)
+    title, make = SCHEMAS[kind]
     return {"$schema": DIALECT, "title": title, **make()}
 
 
-def of_params(cls: type, **others: Schema) -> Schema:
+def of_params(cls: type, **overrides: Schema) -> Schema:
     """Schema of a mapping that `loco_control.params` reads as a parameter class.
 
     Args:
         cls: A class of parameters; nested ones become nested mappings.
-        others: Schemas of keys that the class does not read, or reads differently.
+        overrides: Schemas of keys that the class does not read, or reads differently.
     """
     type_of = typing.get_type_hints(cls)
     keys = {f.name: _of_field(f, type_of[f.name]) for f in dataclasses.fields(cls)}
     doc = (cls.__doc__ or "").strip().splitlines()[0]
-    return {"description": doc, **_mapping({**keys, **others})}
+    return {"description": doc, **_mapping({**keys, **overrides})}
 
 
 def _of_field(f: dataclasses.Field, hint: Any) -> Schema:
@@ -252,7 +252,7 @@ def _study() -> Schema:
 
 def _mapping_file() -> Schema:
     number = {"type": ["number", "string"]}  # 4096/2pi is valid too
-    text_keys = dict.fromkeys((*mapping.SOURCES, *mapping.PLACES, "unit"), TEXT)
+    text_keys = dict.fromkeys((*mapping.SOURCES, *mapping.WHERE, "unit"), TEXT)
     column = _mapping(
         {
             **text_keys,
@@ -315,7 +315,7 @@ def _plan() -> Schema:
     return _by_name(_mapping(entry), "name of the entry")
 
 
-KINDS: dict[str, tuple[str, Callable[[], Schema]]] = {
+SCHEMAS: dict[str, tuple[str, Callable[[], Schema]]] = {
     "experiment": ("an experiment of loco: loco run FILE", _experiment),
     "robot": ("robot.yaml of loco: a URDF and what it does not say", _robot),
     "model": ("model.yaml of loco: a robot with changed values and effects", _model),

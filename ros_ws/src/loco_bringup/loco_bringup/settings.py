@@ -18,25 +18,25 @@ def overrides(
     """Values of an experiment by dotted name, from ``--set`` and the options with these names."""
     values = values_of("--set", pairs, "gait.speed=0.3")
     options = {"seed": seed, "sim.engine": engine, "duration": duration}
-    return joined({key: value for key, value in options.items() if value is not None}, values)
+    return merge({key: value for key, value in options.items() if value is not None}, values)
 
 
-def joined(given: dict[str, Any], values: dict[str, Any]) -> dict[str, Any]:
+def merge(options: dict[str, Any], values: dict[str, Any]) -> dict[str, Any]:
     """Values of options and of ``--set`` together.
 
     Args:
-        given: Values by name from dedicated options.
+        options: Values by name from dedicated options.
         values: Values by name from ``--set``.
 
     Raises:
         ParameterError: Both set the same value.
     """
-    for key in sorted(given.keys() & values.keys()):
+    for key in sorted(options.keys() & values.keys()):
         raise ParameterError(
-            f"{key} is given twice, {shown(given[key])} by an option of its own and "
+            f"{key} is given twice, {shown(options[key])} by an option of its own and "
             f"{shown(values[key])} by --set"
         )
-    return given | values
+    return options | values
 
 
 def values_of(option: str, pairs: list[str], example: str) -> dict[str, Any]:

@@ -19,8 +19,8 @@ from loco_control.exceptions import ParameterError
 from . import mawe, segments
 from .recording import GAP, Recording, align
 
-LOOK = 0.05  # time between two searches for a crossing [s]
-SETTLED = 0.15  # [s] age below which a crossing is uncertain, due to the low-pass filter
+SEARCH_PERIOD = 0.05  # time between two searches for a crossing [s]
+MIN_AGE = 0.15  # [s] age below which a crossing is uncertain, due to the low-pass filter
 
 
 class Signals:
@@ -138,13 +138,13 @@ class GapMeter:
             self._newest = self._next_look = -np.inf
         if time_now < self._next_look:
             return None
-        self._next_look = time_now + LOOK
+        self._next_look = time_now + SEARCH_PERIOD
         measured = self._last_period(self._measured, self._newest)
         model = measured and self._last_period(self._model)
         if not measured or not model:
             return None
         (_, end), measured_values = measured
-        self._next_look = end + 0.95 * measured_values.period + SETTLED
+        self._next_look = end + 0.95 * measured_values.period + MIN_AGE
         (since, _), model_values = model
         self._newest = end
         robot, body, period = measured_values.mean, model_values.mean, measured_values.period
@@ -164,7 +164,7 @@ class GapMeter:
             at = segments.crossings(recording.t, recording.command[:, moving], 1)
         except ParameterError:
             return None
-        at = at[at <= recording.t[-1] - SETTLED]
+        at = at[at <= recording.t[-1] - MIN_AGE]
         if len(at) < 2 or at[-1] <= after + 0.5 * (at[-1] - at[-2]):
             return None
         columns = [signals.joints.index(name) for name in self.passive]

@@ -71,7 +71,7 @@ class Reference:
         self.robot = segments.cut(recording.t[used], sensors[used], at)
         self._at = at[: (options.periods or len(at)) + 1]
         posture = robot.standing[robot.driven]
-        start = _begin(recording.t, np.abs(command - posture).max(axis=1), self, options.settle)
+        start = _start(recording.t, np.abs(command - posture).max(axis=1), self, options.settle)
         end = self._at[-1] + 2.0 * recording.dt
         inside = (recording.t >= start) & (recording.t <= end)
         self._commands = commands.part(inside)
@@ -128,7 +128,7 @@ class Reference:
         return self.compare(self.with_body(values))
 
 
-def _begin(t: np.ndarray, jump: np.ndarray, reference: Reference, settle: float) -> float:
+def _start(t: np.ndarray, jump: np.ndarray, reference: Reference, settle: float) -> float:
     """Start time of a replay [s]: up to `settle` periods before the first compared one.
 
     Within the first of these periods it is the time at which the command is closest to the

@@ -106,7 +106,7 @@ def align(
     states: tuple[np.ndarray, np.ndarray, Sequence[str]],
     commands: tuple[np.ndarray, np.ndarray, Sequence[str]],
     rate: float,
-    others: Mapping[str, np.ndarray] | None = None,
+    extra: Mapping[str, np.ndarray] | None = None,
 ) -> Recording:
     """Commands and states with their own time stamps on one even time axis.
 
@@ -118,7 +118,7 @@ def align(
         states: Time stamps [s], (K,), joint angles [rad], (K, n), and names of the joints.
         commands: Time stamps [s], (L,), commands [rad], (L, m), and names of the joints.
         rate: Sampling rate of the result [Hz].
-        others: Arrays `velocity`, `torque` and `stance` of a `Recording`, at the time stamps of
+        extra: Arrays `velocity`, `torque` and `stance` of a `Recording`, at the time stamps of
             the commands, (L, …).
 
     Raises:
@@ -139,5 +139,5 @@ def align(
     t = first + np.arange(count) / rate
     row = np.searchsorted(commands[0], t + 1e-6, side="right") - 1
     q = np.stack([np.interp(t, states[0], column) for column in states[1].T], axis=1)
-    held = {key: values[row] for key, values in (others or {}).items()}
+    held = {key: values[row] for key, values in (extra or {}).items()}
     return Recording(name, t, commands[1][row], q, tuple(commands[2]), tuple(states[2]), **held)

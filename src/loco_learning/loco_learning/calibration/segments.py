@@ -18,8 +18,8 @@ from loco_control.exceptions import ParameterError
 
 CUTOFF = 0.03  # low-pass filter, as a share of half the sampling rate
 POINTS = 200  # samples on the phase axis of one period
-FLAT = 1e-9  # range of a reference [its unit] below which it is constant
-SPREAD = 0.2  # largest relative difference of a period from the median period
+MIN_RANGE = 1e-9  # range of a reference [its unit] below which it is constant
+PERIOD_TOLERANCE = 0.2  # largest relative difference of a period from the median period
 
 
 @dataclass(frozen=True)
@@ -70,19 +70,19 @@ def leading(commands: np.ndarray) -> int:
     Args:
         commands: Commands of the driven joints, (T, m).
     """
-    moving = np.ptp(commands, axis=0) >= FLAT if len(commands) else np.zeros(1, dtype=bool)
+    moving = np.ptp(commands, axis=0) >= MIN_RANGE if len(commands) else np.zeros(1, dtype=bool)
     return int(np.argmax(moving))
 
 
 def crossings(
-    t: np.ndarray, reference: np.ndarray, least: int = 2, cutoff: float = CUTOFF
+    t: np.ndarray, reference: np.ndarray, min_periods: int = 2, cutoff: float = CUTOFF
 ) -> np.ndarray:
     """Times at which the centred, smoothed reference rises through zero [s], (P + 1,).
 
     Args:
         t: Times of the samples [s], evenly spaced, (T,).
         reference: Command of one driven joint, (T,).
-        least: Smallest number of whole periods.
+        min_periods: Smallest number of whole periods.
         cutoff: See `low_pass`.
 
     Raises:
@@ -92,23 +92,23 @@ def crossings(
         raise ParameterError("the actuation has values that are not finite")
     if len(reference) == 0:
         raise ParameterError("there is no actuation: no samples are left to cut into periods")
-    if np.ptp(reference) < FLAT:
+    if np.ptp(reference) < MIN_RANGE:
         raise ParameterError(
             f"the actuation is constant at {reference[0]:g} rad: it has no zero crossings to cut at"
         )
     smooth = low_pass(reference, cutoff)
     smooth = smooth - 0.5 * (smooth.max() + smooth.min())
     before = np.flatnonzero((smooth[:-1] < 0.0) & (smooth[1:] >= 0.0))
-    if len(before) < least + 1:
+    if len(before) < min_periods + 1:
         raise ParameterError(
             f"the actuation has {max(0, len(before) - 1)} whole periods in {t[-1] - t[0]:.1f} s, "
-            f"at least {least} are needed"
+            f"at least {min_periods} are needed"
         )
     low, high = smooth[before], smooth[before + 1]
     times = t[before] - low / (high - low) * (t[before + 1] - t[before])
     lengths = np.diff(times)
     usual = float(np.median(lengths))
-    if np.any(np.abs(lengths - usual) > SPREAD * usual):
+    if np.any(np.abs(lengths - usual) > PERIOD_TOLERANCE * usual):
         raise ParameterError(
             f"the actuation is not periodic: its periods last {lengths.min():.2f} s to "
             f"{lengths.max():.2f} s"

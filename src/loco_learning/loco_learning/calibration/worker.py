@@ -115,7 +115,7 @@ def _obey(pipe: Connection, calibration: Any) -> None:
 def _teller(pipe: Connection, calibration: Any, before: float) -> Callable[[Generation], None]:
     best = before
 
-    def tell(generation: Generation) -> None:
+    def report(generation: Generation) -> None:
         nonlocal best
         text = ""
         if generation.best < best:
@@ -123,4 +123,4 @@ def _teller(pipe: Connection, calibration: Any, before: float) -> Callable[[Gene
             text = calibration.model(generation.values).dumps()
         pipe.send(Progress(generation, text))
 
-    return tell
+    return report

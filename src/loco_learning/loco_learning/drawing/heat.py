@@ -14,7 +14,7 @@ from .chart import BOXES, DOTS, LINE, Layer, array
 STEPS = ("#440154", "#472d7b", "#3b528b", "#2c728e", "#21918c", "#28ae80", "#5ec962", "#addc30",
          "#fde725")  # fmt: skip
 WIDE = 20.0  # ratio of largest to smallest value above which the colour scale is logarithmic
-ENDS = (2.0, 98.0)  # percentiles of the values at the ends of the colour scale
+PERCENTILES = (2.0, 98.0)  # percentiles of the values at the ends of the colour scale
 
 
 def cells(
@@ -38,7 +38,7 @@ def cells(
     if not finite.any():
         return []
     every = values if scale is None else scale
-    low, high = np.percentile(every[np.isfinite(every)], ENDS)
+    low, high = np.percentile(every[np.isfinite(every)], PERCENTILES)
     wide = low > 0.0 and high > WIDE * low
     count = len(STEPS) if high > low else 1
     edges = (np.geomspace if wide else np.linspace)(low, high, count + 1)

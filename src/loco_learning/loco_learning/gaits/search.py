@@ -54,7 +54,7 @@ PHASES = {  # lead of the second pair over the first [strides]
 }
 GAITS = {f"tigrillo_{name}": name for name in PHASES}
 LEGGED = {"hyq_trot": "trot", "hyq_walk": "walk"}  # gaits of the foot trajectory generator
-FELL, EXPLODED = 1.0, 10.0  # values of failed rollouts
+FALL, EXPLODED = 1.0, 10.0  # values of failed rollouts
 FASTEST = 5.0  # mean speed above which a rollout has diverged [m/s]
 FACTORS = (0.3, 3.0)  # range of a drawn parameter, relative to the nominal one
 CHECKS = 16  # other bodies on which a result is checked
@@ -179,7 +179,7 @@ def judge(log: Log) -> Score:
             EXPLODED, f"exploded: {log.fall or f'{speed:.3g} m/s'}", {**extra, "speed": 0.0}
         )
     if log.fall:
-        return Score(FELL + 1.0 - len(log) * log.dt / duration, f"fell: {log.fall}", extra)
+        return Score(FALL + 1.0 - len(log) * log.dt / duration, f"fell: {log.fall}", extra)
     return Score(-speed, "", extra)
 
 

@@ -28,14 +28,14 @@ from .prediction import horizon
 from .prediction.case import Case
 from .prediction.channels import ON_SLIDES, Channel, slides
 from .prediction.nominal import written
-from .probability.weights import CRITERION, Weights, places
+from .probability.weights import CRITERION, Weights, locations
 from .proposals.following import following
 from .recordings.record import Doubt, Record
 from .statistics import evidence, identify
 from .statistics.leftover import LIMITS
 from .verdict import rounding, scale
-from .verdict.decide import AMBIGUOUS, MORE, NAMED, NO_GAP, UNKNOWN, Decision
-from .verdict.judge import Judged
+from .verdict.decide import AMBIGUOUS, NAMED, NO_GAP, PARTLY, UNKNOWN, Decision
+from .verdict.judge import Outcome
 from .verdict.traded import put_right
 
 FORMAT = 1
@@ -43,7 +43,7 @@ WHERE, LEARNED = 3, 6  # keys of random streams
 FEW_JOINTS = 3  # joints listed by name
 MOST_CELLS = 40  # cells listed at most
 COMPENSATION = "friction_compensation"
-LIKELY = 0.01  # probability of a place from which on it is listed
+LISTED = 0.01  # probability of a place from which on it is listed
 EMPTY = {"where": [], "regions": [], "identifiability": {}, "correction": None,
          "residual": None, "next": []}  # fmt: skip
 
@@ -58,7 +58,7 @@ log = logging.getLogger(__name__)
 def contents(
     model: Model,
     case: Case,
-    judged: Judged,
+    outcome: Outcome,
     params: GapParams,
     not_tried: Sequence[tuple[str, str]] = (),
 ) -> dict[str, Any]:
@@ -67,38 +67,38 @@ def contents(
     Args:
         model: Robot, overrides and effects before the search.
         case: Model and data.
-        judged: Decision with its evidence.
+        outcome: Decision with its evidence.
         params: Settings.
         not_tried: Name and reason of each effect that the search did not test.
     """
-    decision = judged.decision
-    after = judged.after
+    decision = outcome.decision
+    after = outcome.after
     with_gap = decision.verdict != NO_GAP
     warnings = [f"{r.name}: {warning}" for r in case.records for warning in r.warnings]
-    reading = doubts(case.records)
+    reading = reading_warnings(case.records)
     return plain(
         {
             "format": FORMAT,
             "verdict": decision.verdict,
             "evidence": decision.evidence,
             "names": list(decision.names),
-            "terms": in_metres(terms(judged), case.forward.channels) if with_gap else [],
-            "rivals": rivals(judged) if with_gap else [],
-            "over_settings": [row.plain for row in judged.over_settings],
+            "terms": in_metres(terms(outcome), case.forward.channels) if with_gap else [],
+            "rivals": rival_models(outcome) if with_gap else [],
+            "over_settings": [row.plain for row in outcome.over_settings],
             "ambiguous": [list(group) for group in decision.ambiguous],
-            "kinds": kinds_of(judged.weights, decision) if with_gap else [],
-            "probability": probabilities(judged.weights, judged.best) if with_gap else {},
-            "gap": gap(case, judged.given, after),
+            "kinds": kinds_of(outcome.weights, decision) if with_gap else [],
+            "probability": probabilities(outcome.weights, outcome.best) if with_gap else {},
+            "gap": gap(case, outcome.given, after),
             "alarms": [
-                *judged.alarms,
-                *less_friction(case.forward.given(), judged.best),
+                *outcome.alarms,
+                *less_friction(case.forward.given(), outcome.best),
                 *warnings,
             ],
             "align": [f"{r.name}: {note}" for r in case.records for note in r.notes],
             "reading": reading,
             "notes": [
                 *reading,
-                *horizon.words(case.forward),
+                *horizon.messages(case.forward),
                 *rounding.notes(case.records, case.forward.robot()),
             ],
             "pieces": case.forward.params.ground,
@@ -121,11 +121,11 @@ def contents(
 
 def probabilities(weights: Weights, model: Fitted) -> dict[str, dict[str, float]]:
     """Probabilities of the effects of a model, of their kinds and of their places, by name."""
-    kinds = sorted({EFFECTS[name].identity.kind for name in model.names} - {""})
-    where = sorted({p for h, _ in model.parts for p in places(h)} - {""})
+    categories = sorted({EFFECTS[name].identity.kind for name in model.names} - {""})
+    where = sorted({p for h, _ in model.parts for p in locations(h)} - {""})
     return {
         "effects": {name: weights.effect(name) for name in model.names},
-        "kinds": {kind: weights.kind(kind) for kind in kinds},
+        "kinds": {kind: weights.kind(kind) for kind in categories},
         "places": {place: weights.place(place) for place in where},
     }
 
@@ -138,8 +138,8 @@ def less_friction(robot: Robot, model: Fitted) -> list[str]:
         model: Selected model.
     """
     text = Description(robot.urdf)
-    found = [p for h, _ in model.parts if h.effect == COMPENSATION for p in places(h)]
-    joints = {joint for place in found for joint in members(robot, place)}
+    compensated = [p for h, _ in model.parts if h.effect == COMPENSATION for p in locations(h)]
+    joints = {joint for place in compensated for joint in members(robot, place)}
     rubs = [j for j in robot.joints if j in joints and text.friction(j) + text.damping(j) > 0.0]
     return [
         f"{COMPENSATION} in {joint}: less friction than the URDF has there moves as it does; turn "
@@ -148,7 +148,7 @@ def less_friction(robot: Robot, model: Fitted) -> list[str]:
     ]
 
 
-def doubts(records: Sequence[Record]) -> list[str]:
+def reading_warnings(records: Sequence[Record]) -> list[str]:
     """Import notes on conditions that can look like a gap, each once with its records."""
     names: dict[str, list[str]] = {}
     for record in records:
@@ -174,34 +174,34 @@ class Detail:
 
 
 def details(
-    model: Model, case: Case, judged: Judged, params: GapParams, each: residual.Each
+    model: Model, case: Case, outcome: Outcome, params: GapParams, each: residual.Each
 ) -> list[Detail]:
     """Parts of ``gap.json`` that are computed after the verdict was written, in order.
 
     Args:
         model: Robot, overrides and effects before the search.
         case: Model and data.
-        judged: Decision with its evidence.
+        outcome: Decision with its evidence.
         params: Settings.
         each: Runs functions of the case in parallel, in any number of processes.
     """
-    verdict, items = judged.decision.verdict, []
+    verdict, items = outcome.decision.verdict, []
     if verdict != NO_GAP:
         items += [
-            Detail("where", "locating the gap", lambda notes: where(case, judged, params.seed)),
-            Detail("regions", "locating the gap", lambda notes: regions_of(case, judged.given)),
+            Detail("where", "locating the gap", lambda notes: where(case, outcome, params.seed)),
+            Detail("regions", "locating the gap", lambda notes: regions_of(case, outcome.given)),
             Detail("identifiability", "asking what can be told apart",
-                   lambda notes: told_apart(case, judged)),
+                   lambda notes: told_apart(case, outcome)),
         ]  # fmt: skip
     if verdict == UNKNOWN:
         items.append(
-            Detail("correction", "fitting a correction", lambda notes: fallback(case, judged.base))
+            Detail("correction", "fitting a correction", lambda notes: fallback(case, outcome.base))
         )
-    if verdict in (UNKNOWN, MORE) and params.residual:
+    if verdict in (UNKNOWN, PARTLY) and params.residual:
         items.append(Detail("residual", "fitting a learned correction",
-                            lambda notes: learned(case, judged, params.seed, each)))  # fmt: skip
+                            lambda notes: learned(case, outcome, params.seed, each)))  # fmt: skip
     return [*items, Detail("next", "looking for the next experiment",
-                           lambda notes: following(model, case, judged, notes))]  # fmt: skip
+                           lambda notes: following(model, case, outcome, notes))]  # fmt: skip
 
 
 def add(result: Mapping[str, Any], detail: Detail) -> dict[str, Any]:
@@ -233,37 +233,37 @@ def _in_metres(parameter: Mapping[str, Any]) -> dict[str, Any]:
     return {**parameter, "unit": ON_SLIDES.get(parameter["unit"], parameter["unit"])}
 
 
-def terms(judged: Judged) -> list[dict[str, Any]]:
+def terms(outcome: Outcome) -> list[dict[str, Any]]:
     """Effects of the selected model with their evidence."""
-    return [_term(judged, index) for index in range(len(judged.decision.rulings))]
+    return [_term(outcome, index) for index in range(len(outcome.decision.rulings))]
 
 
-def _term(judged: Judged, index: int) -> dict[str, Any]:
-    ruling, model = judged.decision.rulings[index], judged.best
-    without = judged.without[index] if judged.without else judged.base
+def _term(outcome: Outcome, index: int) -> dict[str, Any]:
+    term, model = outcome.decision.rulings[index], outcome.best
+    without = outcome.without[index] if outcome.without else outcome.base
     closed = evidence.closed_by(without.whole, model.whole)
     text = (
-        f"without {'it' if judged.without else 'any effect'} the rms is {without.held.rms:.3g} "
+        f"without {'it' if outcome.without else 'any effect'} the rms is {without.held.rms:.3g} "
         f"noise floors on held-out data and {evidence.rms(without.whole):.3g} on all, with it "
         f"{model.held.rms:.3g} and {evidence.rms(model.whole):.3g}"
     )
-    estimates = judged.estimates[model.parts[index][0].key]
+    estimates = outcome.estimates[model.parts[index][0].key]
     for e in estimates:
         if e.excludes_absent and e.low <= e.absent <= e.high:
             size = f"{e.value:.3g} ± {e.with_shapes:.2g}" + f" {e.unit}" * (e.unit != "-")
             text += f"; {e.name} is known only together with its other values: {size} with these"
     return {
-        "effect": ruling.name,
-        "place": ruling.place,
-        "places": list(ruling.places),
-        "verdict": ruling.verdict,
-        "probability": ruling.probability,
+        "effect": term.name,
+        "place": term.place,
+        "places": list(term.places),
+        "verdict": term.verdict,
+        "probability": term.probability,
         "parameters": {
             e.name: {"value": e.value, "low": e.low, "high": e.high, "unit": e.unit}
             for e in estimates
         },
         "closed": closed,
-        "look_alikes": list(ruling.look_alikes),
+        "look_alikes": list(term.look_alikes),
         "evidence": text + ".",
     }
 
@@ -271,29 +271,29 @@ def _term(judged: Judged, index: int) -> dict[str, Any]:
 def kinds_of(weights: Weights, decision: Decision) -> list[dict[str, Any]]:
     """Kinds of effects that the data establish although they do not establish the law."""
     rows = []
-    for ruling in decision.rulings:
-        probability = weights.kind(ruling.kind) if ruling.kind else 0.0
+    for term in decision.rulings:
+        probability = weights.kind(term.kind) if term.kind else 0.0
         if probability >= CRITERION.confidence:
-            names = sorted({ruling.name, *ruling.look_alikes})
-            where = {p for name in names for p, v in weights.places_of(name).items() if v > LIKELY}
+            names = sorted({term.name, *term.look_alikes})
+            where = {p for name in names for p, v in weights.places_of(name).items() if v > LISTED}
             rows.append({
-                "kind": ruling.kind, "places": sorted(where | {ruling.place}), "effects": names,
+                "kind": term.kind, "places": sorted(where | {term.place}), "effects": names,
                 "probability": probability,
             })  # fmt: skip
     return rows
 
 
-def told_apart(case: Case, judged: Judged) -> dict[str, Any]:
+def told_apart(case: Case, outcome: Outcome) -> dict[str, Any]:
     """Identifiability of the parameters, of refitted nominal values and of the torque scale."""
-    result = identifiability(judged.identifiability)
-    if judged.decision.verdict in (NAMED, MORE, AMBIGUOUS):
-        result["scale_of_the_torque"] = scale.words(case, judged.best)
+    result = identifiability(outcome.identifiability)
+    if outcome.decision.verdict in (NAMED, PARTLY, AMBIGUOUS):
+        result["scale_of_the_torque"] = scale.scale_messages(case, outcome.best)
     return result
 
 
-def rivals(judged: Judged, most: int = 8) -> list[dict[str, Any]]:
+def rival_models(outcome: Outcome, limit: int = 8) -> list[dict[str, Any]]:
     """Models with another effect, the most probable first."""
-    base = judged.base.held.residuals
+    base = outcome.base.held.residuals
     return [
         {
             "names": list(model.names),
@@ -301,7 +301,7 @@ def rivals(judged: Judged, most: int = 8) -> list[dict[str, Any]]:
             "probability": probability,
             "closed": evidence.closed_by(base, model.held.residuals),
         }
-        for model, probability in judged.rivals[:most]
+        for model, probability in outcome.rivals[:limit]
     ]
 
 
@@ -335,10 +335,10 @@ def gap(case: Case, before: Fitted, after: Fitted) -> dict[str, Any]:
     return {**numbers, "records": records, "channels": channels}
 
 
-def where(case: Case, judged: Judged, seed: int) -> list[dict[str, Any]]:
+def where(case: Case, outcome: Outcome, seed: int) -> list[dict[str, Any]]:
     """Cells (joint, signal, phase, frequency band) with most of the gap before the search."""
     rng = np.random.default_rng([seed, WHERE])
-    result = localise(case.records, case.forward.channels, judged.given.whole, rng)
+    result = localise(case.records, case.forward.channels, outcome.given.whole, rng)
     return [asdict(cell) for cell in result.cells[: min(result.main, MOST_CELLS)]]
 
 
@@ -359,16 +359,16 @@ def fallback(case: Case, before: Fitted) -> dict[str, Any] | None:
     )
 
 
-def learned(case: Case, judged: Judged, seed: int, each: residual.Each) -> dict[str, Any]:
+def learned(case: Case, outcome: Outcome, seed: int, each: residual.Each) -> dict[str, Any]:
     """Learned correction of the remaining residual, judged by the same rules as an effect.
 
     Args:
         case: Model and data.
-        judged: Decision with the selected model.
+        outcome: Decision with the selected model.
         seed: Seed of the resampling.
         each: Runs functions of the case in parallel, in any number of processes.
     """
-    result = residual.fit(case, judged.after, each)
+    result = residual.fit(case, outcome.after, each)
     if result is None:
         return {"kind": correction.KIND, "used": False, "effects": [], "says": NOT_LEARNED}
     rng = np.random.default_rng([seed, LEARNED])
@@ -410,18 +410,18 @@ def learned(case: Case, judged: Judged, seed: int, each: residual.Each) -> dict[
     }
 
 
-def identifiability(known: identify.Identifiability | None) -> dict[str, Any]:
+def identifiability(analysis: identify.Identifiability | None) -> dict[str, Any]:
     """Identifiability of the parameters of the selected model."""
-    if known is None:
+    if analysis is None:
         return {}
-    errors: Sequence[float] = known.errors
+    errors: Sequence[float] = analysis.errors
     return {
-        "worst_direction": known.worst,
-        "standard_errors": dict(zip(known.names, map(float, errors), strict=True)),
+        "worst_direction": analysis.worst,
+        "standard_errors": dict(zip(analysis.names, map(float, errors), strict=True)),
         "cannot_be_told_apart": [
-            {"a": a, "b": b, "cosine": cosine} for a, b, cosine in known.alike
+            {"a": a, "b": b, "cosine": cosine} for a, b, cosine in analysis.alike
         ],
-        "imitated_by_nominal_values": known.imitated if any(known.imitated.values()) else {},
-        "without_effect_on_the_data": list(known.dead),
-        "hardly_determined": list(known.weak),
+        "imitated_by_nominal_values": analysis.imitated if any(analysis.imitated.values()) else {},
+        "without_effect_on_the_data": list(analysis.dead),
+        "hardly_determined": list(analysis.weak),
     }

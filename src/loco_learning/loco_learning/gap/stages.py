@@ -13,10 +13,10 @@ from typing import Any
 from loco_sim.plant.model import Model
 
 from .recordings.record import Record
-from .verdict.decide import AMBIGUOUS, MORE, NAMED, NO_GAP, UNKNOWN
+from .verdict.decide import AMBIGUOUS, NAMED, NO_GAP, PARTLY, UNKNOWN
 
 AIR, GROUND = "in the air", "on the ground"
-SHOWN = ("verdict", "names", "probability", "evidence", "gap")
+STAGE_KEYS = ("verdict", "names", "probability", "evidence", "gap")
 LISTS = ("alarms", "align", "reading", "notes", "not_tried", "rivals", "ambiguous", "kinds",
          "terms", "over_settings")  # fmt: skip
 
@@ -26,7 +26,7 @@ def free(model: Model, record: Record) -> bool:
     return not Model(model.robot, {**model.overrides, **record.overrides}).make_robot().fixed_base
 
 
-def parted(model: Model, records: Sequence[Record]) -> tuple[list[Record], list[Record]]:
+def split(model: Model, records: Sequence[Record]) -> tuple[list[Record], list[Record]]:
     """Records in the air (fixed base), and those on the ground."""
     flags = [free(model, record) for record in records]
     return tuple(
@@ -41,13 +41,13 @@ def after(model: Model, air: Mapping[str, Any]) -> Model:
         model: Model before the search.
         air: Contents of ``gap.json`` of the records in the air.
     """
-    if air["verdict"] not in (NAMED, MORE, AMBIGUOUS):
+    if air["verdict"] not in (NAMED, PARTLY, AMBIGUOUS):
         return model
     fitted = air["model"]
     return Model(fitted["robot"], dict(fitted["overrides"]), [dict(e) for e in fitted["effects"]])
 
 
-def joined(air: Mapping[str, Any], ground: Mapping[str, Any]) -> dict[str, Any]:
+def merge(air: Mapping[str, Any], ground: Mapping[str, Any]) -> dict[str, Any]:
     """Contents of ``gap.json`` of both stages; all numbers of the gap are those on the ground.
 
     Each stage has probabilities of its own.
@@ -65,7 +65,7 @@ def joined(air: Mapping[str, Any], ground: Mapping[str, Any]) -> dict[str, Any]:
         "probability": {},
         "evidence": f"In the air: {air['evidence']} On the ground: {ground['evidence']}",
         "stages": [
-            {"where": where, **{key: one[key] for key in SHOWN}}
+            {"where": where, **{key: one[key] for key in STAGE_KEYS}}
             for where, one in ((AIR, air), (GROUND, ground))
         ],
     }
@@ -74,7 +74,7 @@ def joined(air: Mapping[str, Any], ground: Mapping[str, Any]) -> dict[str, Any]:
 def _both(air: str, ground: str) -> str:
     """Combined verdict: the less certain of the two; a stage without gap does not count."""
     verdicts = {air, ground} - {NO_GAP}
-    return next((v for v in (UNKNOWN, AMBIGUOUS, MORE, NAMED) if v in verdicts), NO_GAP)
+    return next((v for v in (UNKNOWN, AMBIGUOUS, PARTLY, NAMED) if v in verdicts), NO_GAP)
 
 
 def _without_twins(rows: Sequence[Any]) -> list[Any]:

@@ -20,14 +20,14 @@ from ..jobs.base import Jobs
 from ..jobs.kept import Memory
 from . import stages
 from .contents import add, contents, details
-from .fitting.fit import Fitted, Parts, Setting, rough, specs_of
+from .fitting.fit import Fitted, Parts, Setting, rough_fit, specs_of
 from .fitting.screen import Screened
-from .fitting.search import Found, Search, call
+from .fitting.search import Pool, Search, call
 from .hypotheses import hints
-from .hypotheses.bundles import bundles
-from .hypotheses.hypotheses import Hypothesis, offer, separable, untried
-from .hypotheses.likely import likely
-from .localisation.curves import Curves, curves, joined
+from .hypotheses.bundles import batches
+from .hypotheses.hypotheses import Hypothesis, offer, omitted, separable
+from .hypotheses.likely import likely_hypotheses
+from .localisation.curves import Curves, curves, merge
 from .params import GapParams
 from .prediction import case as cases
 from .prediction import horizon, led
@@ -45,7 +45,7 @@ Report = Callable[[float, str, str], Any]
 Keep = Callable[[dict[str, Any], Curves | None], Any]
 
 SEARCH = 0.9  # share of the progress bar for the search
-ROUGH = 3.0  # scale of the robust loss [floors] of the fit before engines are compared
+ROBUST_SCALE = 3.0  # scale of the robust loss [floors] of the fit before engines are compared
 
 
 def find(
@@ -78,7 +78,7 @@ def find(
     """
     params = params or GapParams()
     report = progress or (lambda fraction, stage, best: None)
-    wrong = setups.look(model, [*records, *held_out]) if params.setup else []
+    wrong = setups.find_mistakes(model, [*records, *held_out]) if params.setup else []
     if any(finding.stops for finding in wrong):
         result = setup_contents.contents(model, [*records, *held_out], wrong, params)
         if keep:
@@ -86,30 +86,30 @@ def find(
         return result
     model = mend.model_mended(model, mend.changes_of(wrong)) or model
     records, held_out = mend.noted(records, wrong), mend.noted(held_out, wrong)
-    fit, checks = stages.parted(model, records), stages.parted(model, held_out)
+    fit, checks = stages.split(model, records), stages.split(model, held_out)
     if params.window or not all(fit):
         return search(model, records, held_out, params, report, workers, keep, memory)
 
-    def half(start: float) -> Report:
+    def part(start: float) -> Report:
         return lambda share, stage, best: report(start + 0.5 * share, stage, best)
 
     named = params.replace(residual=False)  # on the ground, only named effects are added
     aloft: list[Curves] = []
 
-    def first(air: dict[str, Any], shown: Curves) -> None:
-        aloft.append(shown)
+    def first(air: dict[str, Any], curves: Curves) -> None:
+        aloft.append(curves)
         if keep:
-            keep(air, shown)
+            keep(air, curves)
 
-    def second(ground: dict[str, Any], shown: Curves) -> None:
+    def second(ground: dict[str, Any], curves: Curves) -> None:
         if keep:
-            keep(stages.joined(air, ground), joined(aloft[0], shown))
+            keep(stages.merge(air, ground), merge(aloft[0], curves))
 
-    air = search(model, fit[0], checks[0], named, half(0.0), workers, first, memory)
+    air = search(model, fit[0], checks[0], named, part(0.0), workers, first, memory)
     ground = search(
-        stages.after(model, air), fit[1], checks[1], params, half(0.5), workers, second, memory
+        stages.after(model, air), fit[1], checks[1], params, part(0.5), workers, second, memory
     )
-    return stages.joined(air, ground)
+    return stages.merge(air, ground)
 
 
 def search(
@@ -131,11 +131,11 @@ def search(
     robots = [forward.robot(i) for i in range(len(forward.records))]
     robot, fixed = robots[0], all(r.fixed_base for r in robots)
     nominal = nominals.values(robot, params.free)
-    case = cases.prepare(forward, records, held_out, known=nominal)
+    case = cases.prepare(forward, records, held_out, free_names=nominal)
     offers = hints.sized(offer(robot, case.signals, hints.find(case, robot)), forward)
     candidates = forward.shown(offers)
-    hypotheses, inseparable = separable([h for h in candidates if wanted(h.effect, params)])
-    not_tried = [one for one in untried(robot, candidates) if wanted(one[0], params)] + inseparable
+    hypotheses, inseparable = separable([h for h in candidates if allowed(h.effect, params)])
+    not_tried = [one for one in omitted(robot, candidates) if allowed(one[0], params)] + inseparable
 
     def started() -> Jobs:
         place = pool.start(call, (case,), *pool.where(workers))
@@ -161,22 +161,22 @@ def search(
         guess: tuple = ()
         if case.ground and has_gap(case.kept().whitened([])):
             report(0.01, "looking for what is likely", "")
-            hypotheses, excluded, first = likely(case, hypotheses, partial(each, tasks))
+            hypotheses, excluded, first = likely_hypotheses(case, hypotheses, partial(each, tasks))
             not_tried += excluded
-            setting = Setting(params, nominal, nominal, ROUGH, tuple(case.fitted))
-            guess = rough(case, first, setting)[1]
+            setting = Setting(params, nominal, nominal, ROBUST_SCALE, tuple(case.fitted))
+            guess = rough_fit(case, first, setting)[1]
             compared(guess)
         led_along = not forward.fine_steps
-        grouping = partial(bundles, robot, forward.channels, fixed_base=fixed, led=led_along)
+        grouping = partial(batches, robot, forward.channels, fixed_base=fixed, inverse=led_along)
 
-        def alone() -> tuple[Search, Found]:
+        def run_search() -> tuple[Search, Pool]:
             searcher = Search(case, hypotheses, params, tasks, searching, nominal, grouping)
             return searcher, searcher.singles()
 
-        seeking, outcome = alone()
+        seeking, outcome = run_search()
         if guess and outcome.models and not same(outcome.best.parts, guess):
             compared(outcome.best.parts)
-            seeking, outcome = alone()
+            seeking, outcome = run_search()
         outcome = seeking.together(outcome)
         report(SEARCH, "weighing", " + ".join(outcome.best.names))
         judgement = judge(case, seeking, outcome)
@@ -221,9 +221,9 @@ def forward_of(model: Model, records: Sequence[Record], params: GapParams) -> Fo
     return led.forward(horizon.quickest(model) if length else model, records, settings)
 
 
-def same(parts: Parts, others: Parts) -> bool:
+def same(parts: Parts, ref: Parts) -> bool:
     """True if both have the same effects at the same places."""
-    return {h.key for h, _ in parts} == {h.key for h, _ in others}
+    return {h.key for h, _ in parts} == {h.key for h, _ in ref}
 
 
 def each(tasks: Jobs, function: Callable, arguments: Sequence[tuple]) -> Iterator[Any]:
@@ -237,6 +237,6 @@ def on_ground(model: Model, records: Sequence[Record], params: GapParams) -> flo
     return horizon.length(horizon.quickest(model), free) if free and not params.window else 0.0
 
 
-def wanted(effect: str, params: GapParams) -> bool:
+def allowed(effect: str, params: GapParams) -> bool:
     """True if the user permits an effect to be named."""
     return any(fnmatchcase(effect, pattern) for pattern in params.effects)

@@ -34,7 +34,7 @@ class Journal:
         path: The file, created if missing; None keeps rows in memory only.
         header: Description of the work, with `kind` and `format`: plain values.
         row: A `TypedDict` of the keys of a row, for `checks.check`.
-        anew: Whether a broken file, or one of other work, is overwritten with a warning.
+        new: Whether a broken file, or one of other work, is overwritten with a warning.
 
     Attributes:
         header: Header as read back from JSON.
@@ -51,7 +51,7 @@ class Journal:
         path: str | Path | None,
         header: Mapping[str, Any],
         row: Any = dict[str, Any],
-        anew: bool = False,
+        new: bool = False,
     ):
         self.header: dict[str, Any] = json.loads(json.dumps(header))
         self.rows: list[dict[str, Any]] = []
@@ -59,9 +59,9 @@ class Journal:
         self._file: Any = None
         if self.path is not None:
             self.path.parent.mkdir(parents=True, exist_ok=True)
-            self._open(self.path, row, anew)
+            self._open(self.path, row, new)
 
-    def _open(self, path: Path, row: Any, anew: bool) -> None:
+    def _open(self, path: Path, row: Any, new: bool) -> None:
         if path.exists() and not path.is_file():
             raise ParameterError(f"{path} is no file")  # reading a pipe would block
         file = open(path, "ab", buffering=0)  # noqa: SIM115, closed by `close`
@@ -74,7 +74,7 @@ class Journal:
             try:
                 _, self.rows, end = read(path, row, self.header)
             except ParameterError as error:
-                if not anew:
+                if not new:
                     raise
                 log.warning("work that was begun is done anew: %s", error)
                 end = 0

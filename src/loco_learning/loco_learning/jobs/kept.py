@@ -29,7 +29,7 @@ from .journal import Journal
 log = logging.getLogger(__name__)
 
 _DECIDES = ("numpy", "scipy", "numba", "mujoco", "pybullet", "cma")  # affect the last bits
-MOST = 128 * 2**20  # largest size of a journal of results [bytes]; further results are not stored
+LIMIT = 128 * 2**20  # largest size of a journal of results [bytes]; further results are not stored
 
 
 class Row(TypedDict):
@@ -61,28 +61,28 @@ def digest(*values: Any) -> str:
     return hasher.hexdigest()[:32]
 
 
-def _feed(whole: Any, value: Any) -> None:
+def _feed(digest: Any, value: Any) -> None:
     kind = type(value).__qualname__
     if dataclasses.is_dataclass(value) and not isinstance(value, type):
         value = {f.name: getattr(value, f.name) for f in dataclasses.fields(value)}
     if isinstance(value, np.ndarray):
-        whole.update(f"{value.dtype.str}{value.shape}".encode() + value.tobytes())
+        digest.update(f"{value.dtype.str}{value.shape}".encode() + value.tobytes())
     elif isinstance(value, Mapping):
-        whole.update(f"{kind}{len(value)}".encode())
+        digest.update(f"{kind}{len(value)}".encode())
         for key, entry in value.items():
-            _feed(whole, key)
-            _feed(whole, entry)
+            _feed(digest, key)
+            _feed(digest, entry)
     elif isinstance(value, (list, tuple)):
-        whole.update(f"{kind}{len(value)}".encode())
+        digest.update(f"{kind}{len(value)}".encode())
         for entry in value:
-            _feed(whole, entry)
+            _feed(digest, entry)
     elif isinstance(value, (str, bytes, int, float, np.generic, Path)) or value is None:
         text = repr(value).encode()
-        whole.update(f"{kind}{len(text)}".encode() + text)
+        digest.update(f"{kind}{len(text)}".encode() + text)
     elif callable(value) and hasattr(value, "__qualname__"):
-        whole.update(f"{value.__module__}.{value.__qualname__}".encode())
+        digest.update(f"{value.__module__}.{value.__qualname__}".encode())
     elif hasattr(value, "__dict__"):
-        _feed(whole, [kind, vars(value)])
+        _feed(digest, [kind, vars(value)])
     else:
         raise TypeError(f"no digest of a {type(value).__name__}")
 
@@ -96,12 +96,12 @@ class Memory:
     Args:
         path: The file; a broken one, or one of another search, is overwritten with a warning.
         inputs: All values that determine the results, for `digest`, besides package versions.
-        kinds: Dataclasses in the results, besides arrays and plain values.
+        types: Dataclasses in the results, besides arrays and plain values.
         stays: Whether the journal stays, for a later search with more jobs.
     """
 
     def __init__(
-        self, path: Path, inputs: Sequence[Any], kinds: Sequence[type], stays: bool = False
+        self, path: Path, inputs: Sequence[Any], types: Sequence[type], stays: bool = False
     ):
         self._path, self._stays = path, stays
         self._header = {"kind": "search", "format": 3, "inputs": digest(*inputs)}
@@ -109,17 +109,17 @@ class Memory:
         self._journal: Journal | None = None
         self._known: dict[str, Any] = {}
         self._size, self._full = 0, False
-        self._kinds = tuple(kinds)
+        self._kinds = tuple(types)
         self._places = 0
         if path.exists():
-            self._journal = Journal(path, self._header, Row, anew=True)
+            self._journal = Journal(path, self._header, Row, new=True)
             self._size = path.stat().st_size
             self._known = {row["key"]: row["result"] for row in self._journal.rows}
 
     def keeping(self, place: Jobs) -> Jobs:
         """The given jobs, with results stored in the journal."""
         self._places += 1
-        return _Kept(place, self, self._places)
+        return _CachedJobs(place, self, self._places)
 
     def known(self, key: str) -> tuple[Any] | None:
         """The stored result of a job as a tuple of one; None if there is none."""
@@ -135,12 +135,12 @@ class Memory:
         payload = values.dump(result)
         row = {"key": key, "result": payload}
         self._size += len(json.dumps(row))
-        if not self._full and self._size > MOST:
+        if not self._full and self._size > LIMIT:
             log.info("%s has %d MB: further results are not kept", self._path, self._size // 10**6)
             self._full = True
         if not self._full:
             try:
-                self._journal = self._journal or Journal(self._path, self._header, Row, anew=True)
+                self._journal = self._journal or Journal(self._path, self._header, Row, new=True)
                 self._journal.append(row)
             except OSError as error:
                 log.warning("results are no longer kept for a search begun again: %s", error)
@@ -158,7 +158,7 @@ class Memory:
             self._journal.close()
 
 
-class _Kept(Jobs):
+class _CachedJobs(Jobs):
     """Jobs with stored results, see `Memory.keeping`."""
 
     def __init__(self, place: Jobs, memory: Memory, number: int):

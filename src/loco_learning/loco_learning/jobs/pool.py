@@ -25,7 +25,7 @@ from .base import Failure, Jobs, outcome, sendable
 from .cluster import Cluster
 from .process import spawn
 
-__all__ = ["Failure", "Here", "Jobs", "Processes", "start", "where"]
+__all__ = ["Failure", "InProcess", "Jobs", "Processes", "start", "where"]
 
 TRIES = 2  # runs of a job if its process dies
 
@@ -52,7 +52,7 @@ def start(
             responds at the address.
     """
     if not scheduler and workers < 1:
-        return Here(partial(function, *shared))
+        return InProcess(partial(function, *shared))
     try:
         payload = pickle.dumps((function, shared))
     except (pickle.PicklingError, AttributeError, TypeError) as error:
@@ -73,7 +73,7 @@ def where(workers: int | str) -> tuple[int, str]:
     return workers if workers > 1 else 0, ""
 
 
-class Here(Jobs):
+class InProcess(Jobs):
     """Runs jobs in this process, in their order."""
 
     def __init__(self, function: Callable[..., Any]):

@@ -57,43 +57,43 @@ def _dump_array(value: Any) -> dict[str, Any]:
     return {_KIND: kind, _OF: [*about, base64.b64encode(data).decode()]}
 
 
-def load(value: Any, kinds: Sequence[type] = ()) -> Any:
+def load(value: Any, types: Sequence[type] = ()) -> Any:
     """Inverse of `dump`.
 
     Args:
         value: Value from JSON.
-        kinds: Dataclasses that it may contain.
+        types: Dataclasses that it may contain.
 
     Raises:
         ParameterError: The value is not from `dump`, or names another class.
     """
     try:
-        return _load(value, {kind.__qualname__: kind for kind in kinds})
+        return _load(value, {kind.__qualname__: kind for kind in types})
     except (ValueError, TypeError, KeyError, RecursionError, MemoryError, binascii.Error,
             zlib.error, OverflowError) as error:  # fmt: skip
         raise ParameterError(f"it holds no result: {shown(str(error), 200)}") from None
 
 
-def _load(value: Any, kinds: Mapping[str, type]) -> Any:
+def _load(value: Any, types: Mapping[str, type]) -> Any:
     if isinstance(value, list):
-        return [_load(entry, kinds) for entry in value]
+        return [_load(entry, types) for entry in value]
     if not isinstance(value, dict):
         return value
     kind, inside = value[_KIND], value[_OF]
     if kind == "tuple":
-        return tuple(_load(entry, kinds) for entry in inside)
+        return tuple(_load(entry, types) for entry in inside)
     if kind == "dict":
-        return {_load(key, kinds): _load(entry, kinds) for key, entry in inside}
+        return {_load(key, types): _load(entry, types) for key, entry in inside}
     if kind in ("array", "number"):
         array = _load_array(*inside)
         return array if kind == "array" else array[()]
-    if kind not in kinds:
+    if kind not in types:
         raise ValueError(f"a result of kind {shown(kind)}")
-    if list(inside) != [f.name for f in dataclasses.fields(kinds[kind])]:
+    if list(inside) != [f.name for f in dataclasses.fields(types[kind])]:
         raise ValueError(f"other fields than those of {kind}")
-    instance = object.__new__(kinds[kind])
+    instance = object.__new__(types[kind])
     for name, entry in inside.items():
-        object.__setattr__(instance, name, _load(entry, kinds))
+        object.__setattr__(instance, name, _load(entry, types))
     return instance
 
 

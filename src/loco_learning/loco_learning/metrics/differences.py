@@ -20,7 +20,7 @@ from ..runs.log import Log
 from .quantities import period
 from .registry import METRICS, SHORTEST, Metric
 
-LEAST = 6  # smallest number of blocks of a phase (taste: Student's t is near normal)
+MIN_BLOCKS = 6  # smallest number of blocks of a phase (taste: Student's t is near normal)
 CHANCE = 0.01  # probability of any false difference in a whole table (convention)
 RESAMPLES = 999  # bootstrap samples (Davison and Hinkley 1997)
 NORMAL = 1.4826  # deviation of a normal law over the median of its absolute values (theory)
@@ -83,12 +83,12 @@ class Window:
     @property
     def enough(self) -> bool:
         """True if there are enough blocks."""
-        return self.count >= LEAST
+        return self.count >= MIN_BLOCKS
 
     @property
     def needed(self) -> float:
         """Length of a phase with enough blocks [s]."""
-        return LEAST * self.length * self.dt
+        return MIN_BLOCKS * self.length * self.dt
 
 
 def window(first: Log, other: Log, phase: str) -> Window:
@@ -139,7 +139,7 @@ def _difference(
         samples: tuple[np.ndarray, ...] = (pairs,)
     else:
         samples = one[np.isfinite(one)], two[np.isfinite(two)]
-    if math.isfinite(size) and min(map(len, samples)) >= LEAST:
+    if math.isfinite(size) and min(map(len, samples)) >= MIN_BLOCKS:
         low, high = interval(samples, chance)
         middle = 0.5 * (low + high)
         if low * high > 0.0 and abs(middle) > size:
@@ -166,10 +166,10 @@ def interval(samples: tuple[np.ndarray, ...], chance: float) -> tuple[float, flo
     """
     paired, n_min = len(samples) == 1, min(map(len, samples))
     drawn = bootstrap(
-        samples, _mean if paired else _apart, n_resamples=RESAMPLES, vectorized=True,
+        samples, _mean if paired else _mean_difference, n_resamples=RESAMPLES, vectorized=True,
         method="percentile", rng=np.random.default_rng(0),
     )  # fmt: skip
-    middle = float((_mean if paired else _apart)(*samples))
+    middle = float((_mean if paired else _mean_difference)(*samples))
     wide = float(t.ppf(1.0 - 0.5 * chance, n_min - 1) * math.sqrt(n_min / (n_min - 1)))
     half_width = wide * float(drawn.standard_error) * max(map(resemblance, samples))
     return middle - half_width, middle + half_width
@@ -193,7 +193,7 @@ def _mean(values: np.ndarray, axis: int = -1) -> np.ndarray:
     return np.mean(values, axis=axis)
 
 
-def _apart(one: np.ndarray, two: np.ndarray, axis: int = -1) -> np.ndarray:
+def _mean_difference(one: np.ndarray, two: np.ndarray, axis: int = -1) -> np.ndarray:
     return np.mean(two, axis=axis) - np.mean(one, axis=axis)
 
 

@@ -115,8 +115,8 @@ def gait_jobs(p: Plan, preset: str) -> list[Job]:
     jobs = []
     for nodes in p.nodes:
         evaluations = p.budget[0] * nodes + p.budget[1]
-        more = p.disturbed[0] if nodes == biggest(p) else 0
-        for seed in range(max(p.repetitions, more)):
+        extra = p.disturbed[0] if nodes == biggest(p) else 0
+        for seed in range(max(p.repetitions, extra)):
             t = task(preset, nodes=nodes, evaluations=evaluations, seed=seed, **p.changes)
             jobs.append(Job(f"nodes_{nodes}_{seed}", t))
     for nodes in p.omega_nodes:

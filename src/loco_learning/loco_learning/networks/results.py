@@ -108,13 +108,13 @@ def band(f: np.ndarray, score: np.ndarray, level: float = 2.0**-0.5) -> tuple[fl
     """
     above = np.flatnonzero(score >= level * score.max())
 
-    def edge(inner: int, outer: int) -> float:
+    def crossing(inner: int, outer: int) -> float:
         if not 0 <= outer < len(f):
             return float(f[inner])
         share = (score[inner] - level * score.max()) / (score[inner] - score[outer])
         return float(np.exp(np.log(f[inner]) + share * np.log(f[outer] / f[inner])))
 
-    return edge(above[0], above[0] - 1), edge(above[-1], above[-1] + 1)
+    return crossing(above[0], above[0] - 1), crossing(above[-1], above[-1] + 1)
 
 
 def power_speed(r: Results, power: float, frequency: float) -> float:

@@ -11,7 +11,7 @@ import numpy as np
 from loco_control.exceptions import ParameterError
 from loco_control.orientation import roll_pitch_yaw
 
-KINDS = ("joint", "gyro", "tilt")
+SENSOR_TYPES = ("joint", "gyro", "tilt")
 
 
 def passive_joints(robot: Any) -> np.ndarray:
@@ -20,7 +20,7 @@ def passive_joints(robot: Any) -> np.ndarray:
 
 
 def sensor_kinds(robot: Any) -> tuple[str, ...]:
-    """Kind of each element of `sensor_vector`, one of `KINDS`, (k,)."""
+    """Kind of each element of `sensor_vector`, one of `SENSOR_TYPES`, (k,)."""
     return ("joint",) * len(passive_joints(robot)) + ("gyro",) * 3 + ("tilt",) * 2
 
 

@@ -86,7 +86,7 @@ class BodySensors:
         self.sensors, self.outputs, self._limit = tuple(sensors), np.arange(count), params.limit
         if not params.enabled:
             return
-        self._indices, self._centre, self._factor = chosen(params, self.sensors)
+        self._indices, self._centre, self._factor = select(params, self.sensors)
         self.size = len(self._indices) + 1  # with a constant
         self.width = 0.5 * params.gain * sqrt(12.0 / (self.size * params.memory))
         self.average = GrfFilter(params.window, 0.0, self.size)
@@ -133,7 +133,7 @@ class BodySensors:
 Senses = FootForces | BodySensors
 
 
-def chosen(
+def select(
     params: JointLearnerParams, sensors: Sequence[str]
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Indices of the selected sensors, their centres, and inverse scales, (s,) each."""

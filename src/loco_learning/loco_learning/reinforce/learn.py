@@ -38,7 +38,7 @@ from .params import ReinforceParams
 RECORD, START, WEIGHTS, EXPERIMENT = (
     "episodes.jsonl", "start.npz", "weights.npz", "reinforced.yaml"
 )  # fmt: skip
-PLAIN = 2**20  # replaces the update in the seed of unperturbed episodes
+UNPERTURBED = 2**20  # replaces the update in the seed of unperturbed episodes
 
 
 @dataclass(frozen=True)
@@ -134,7 +134,7 @@ class _Learning:
     ):
         self._params, self._record, self._workers = params, record, workers
         self._experiment = prepared(experiment, params, start)
-        self._plain_seed = seed_of(params.seed, PLAIN, 0)
+        self._plain_seed = seed_of(params.seed, UNPERTURBED, 0)
         basis = directions(activity(self._experiment, self._plain_seed), params.directions)
         self._rule = PolicyGradient(readout, basis, params)
         self._began, self._replayed = time.perf_counter(), 0

@@ -18,7 +18,7 @@ from ..runs.rollout import rollout
 from .episode import with_pushes
 
 CONDITIONS = ("calm", "pushed", "bodies")
-STANDS = 0.01  # [m/s] speed below which a robot stands, without a cost of transport (taste)
+MIN_SPEED = 0.01  # [m/s] speed below which a robot stands, without a cost of transport (taste)
 
 
 @dataclass(frozen=True)
@@ -80,7 +80,7 @@ def _row(runs: Iterable[tuple[Experiment, int]], p: TrialParams) -> Row:
         speeds.append(float(distance) / p.length)
         if log.fall:
             fall_count += 1
-        elif speeds[-1] > STANDS:
+        elif speeds[-1] > MIN_SPEED:
             costs.append(METRICS["positive_cost_of_transport"](measured))
     cost = float(np.mean(costs)) if costs else float("nan")
     return Row(float(np.mean(speeds)), cost, fall_count, len(speeds))

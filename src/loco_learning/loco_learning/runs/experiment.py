@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 
 WALKING = {"gait": GaitParams, "trunk": TrunkParams, "stance": StanceParams}
 BLOCKS = {**WALKING, "target": CpgParams}
-KINDS = ("hyq", "joint", "msd")  # kinds of experiments in earlier versions
+EXPERIMENT_TYPES = ("hyq", "joint", "msd")  # kinds of experiments in earlier versions
 NETWORK = ("network", "preset", "loop")  # keys of mass-spring-damper networks only
 FILES = Collection(
     "experiment", "experiments", hint="; `loco list experiments` shows those by name"
@@ -225,8 +225,8 @@ def from_values(values: Mapping[str, Any], where: str = "") -> Experiment | Netw
     """
     values = {key: value for key, value in values.items() if value is not None}
     kind = values.pop("kind", None)
-    if kind not in (None, *KINDS):
-        raise NameUnknownError("kind of experiment", str(kind), KINDS)
+    if kind not in (None, *EXPERIMENT_TYPES):
+        raise NameUnknownError("kind of experiment", str(kind), EXPERIMENT_TYPES)
     if kind == "msd" or is_network(values):
         from . import network_experiment  # loads SciPy
 

@@ -235,7 +235,7 @@ class _Loop:
             x=np.array(best["x"]),
         )
 
-    def _optimum(self, generation: int, ended: str) -> Optimum:
+    def _optimum(self, generation: int, reason: str) -> Optimum:
         rows, size = self.record.rows, self.search.size
         best = min(rows, key=_value) if rows else {"x": [], "value": math.nan}
         return Optimum(
@@ -245,7 +245,7 @@ class _Loop:
             extra=best.get("extra", {}),
             evaluations=len(rows),
             generations=generation,
-            ended=ended,
+            ended=reason,
             course=columns(rows, size),
             names=tuple(self.problem.names) if rows else (),
         )

@@ -28,7 +28,7 @@ from .grid import settings as settings_of
 COARSE = 10  # slow curves contain each tenth tick
 FEET_SECONDS = 5.0  # length of the foot heights at the end of a run [s]
 CLOCKED = "step_time"  # the metric that depends on the machine and differs between runs
-REFUSED = "refused"  # failure of a case that the plant cannot run
+REJECTED = "refused"  # failure of a case that the plant cannot run
 TRACE = 3.0  # strides of joint angles from the end of each phase
 
 
@@ -122,7 +122,7 @@ def run_case(case: Case, curves: bool = True, timed: bool = False) -> CaseResult
     except ParameterError as error:  # a grid point that cannot be run
         if not case.axes:
             raise
-        verdict = trial.Verdict(False, [REFUSED], str(error), 0.0).as_dict()
+        verdict = trial.Verdict(False, [REJECTED], str(error), 0.0).as_dict()
         result = CaseResult(name, variant, seed, to_dict(experiment), verdict, {})
     seconds = time.process_time() - started - compiled.seconds
     return replace(result, at=case.at, key=case.key, seconds=seconds)

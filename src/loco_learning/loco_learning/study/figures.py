@@ -328,10 +328,10 @@ def survivors(study: Any, results: Sequence[CaseResult]) -> list[dict[str, Any]]
     for variant, cases in _variants(results).items():
         row = {"variant": variant}
         for value in axis.values:
-            alive = [case.verdict["survived"] for case in cases if case.at[axis.name] == value]
-            low, high = share_interval(np.array(alive))
-            told = f"{sum(alive)} of {len(alive)} ({low:.2f} to {high:.2f})" if alive else "-"
-            row[f"{value:.4g}" if isinstance(value, float) else str(value)] = told
+            flags = [case.verdict["survived"] for case in cases if case.at[axis.name] == value]
+            low, high = share_interval(np.array(flags))
+            text = f"{sum(flags)} of {len(flags)} ({low:.2f} to {high:.2f})" if flags else "-"
+            row[f"{value:.4g}" if isinstance(value, float) else str(value)] = text
         lines.append(row)
     return lines
 

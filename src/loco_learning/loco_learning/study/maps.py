@@ -24,7 +24,7 @@ COLOURS = (
     ("#0072b2", "#b9d7ea"), ("#d55e00", "#f3cdb0"), ("#009e73", "#b5dfd2"), ("#cc79a7", "#efd5e3"),
     ("#a07000", "#e6d6ac"), ("#56b4e9", "#cfe8f8"), ("#5b3a8c", "#d0c5e0"), ("#6b7a8f", "#d5d9df"),
 )  # fmt: skip
-BLACK, EDGE = "#222222", "#d62728"
+BLACK, OUTLINE = "#222222", "#d62728"
 
 
 @dataclass(frozen=True)
@@ -151,7 +151,7 @@ def heat_map(sheet: Sheet, metric: str, spec: MapSpec, page: str = "") -> Chart:
     layers += heat.haloed(dots("failed", failed[:, 1], failed[:, 0], BLACK, size=2.0))
     if metric in spec.legal:
         legal = sheet.within({metric: spec.legal[metric]})
-        layers.append(heat.outline(legal, "edge of the legal range", EDGE))
+        layers.append(heat.outline(legal, "edge of the legal range", OUTLINE))
     return _plane(sheet, [*layers, *_damping_lines(sheet, spec)])
 
 

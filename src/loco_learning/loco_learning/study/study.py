@@ -22,7 +22,7 @@ from ..plain import Collection
 from ..runs import experiment as experiments
 from ..runs.experiment import Experiment, override
 from . import grid
-from .case import CLOCKED, REFUSED, Case, CaseResult, run_case
+from .case import CLOCKED, REJECTED, Case, CaseResult, run_case
 from .figures import FIGURES
 
 log = logging.getLogger(__name__)
@@ -59,13 +59,13 @@ class Study:
 
         In a grid, a variant without any random draw runs with the first seed only.
         """
-        texts = {name: json.dumps(to_dict(each)) for name, each in self.variants.items()}
+        configurations = {name: json.dumps(to_dict(each)) for name, each in self.variants.items()}
         for k, seed in enumerate(self.seeds):
             for name, experiment in self.variants.items():
                 if k and self.axes and not experiment.draws:
                     continue
                 for point in grid.points(self.axes):
-                    yield Case(name, seed, experiment, self.axes, point, texts[name])
+                    yield Case(name, seed, experiment, self.axes, point, configurations[name])
 
     def with_points(self, counts: int | dict[str, int]) -> Study:
         """Copy of the grid with other numbers of points; axes with listed values are unchanged.
@@ -169,7 +169,7 @@ def run(
     timed = CLOCKED in study.metrics
     done = {
         name: result for name, result in old.items()
-        if result and REFUSED not in result.verdict["failed"]
+        if result and REJECTED not in result.verdict["failed"]
         and not (timed and any(CLOCKED not in row for row in result.metrics.values()))
     }  # fmt: skip
     missing = [case for case in cases if case.name not in done]

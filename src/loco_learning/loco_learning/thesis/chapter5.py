@@ -122,12 +122,12 @@ def gaits_travel(evidence: Evidence) -> Numbers:
 def falls_coincide(evidence: Evidence) -> Numbers:
     """For each actuation, whether robot and model both fall or both stand, 0 or 1."""
     _, cases = evidence.study("amplitudes")
-    fell = {
+    falls = {
         variant: np.array([float(bool(c.verdict["fall"])) for c in cases if c.variant == variant])
         for variant in ("robot", "calibrated", "default")
     }
     return {
-        "agree": (fell["robot"] == fell["calibrated"]).astype(float),
-        "default_agrees": (fell["robot"] == fell["default"]).astype(float),
-        "robot_falls": fell["robot"],
+        "agree": (falls["robot"] == falls["calibrated"]).astype(float),
+        "default_agrees": (falls["robot"] == falls["default"]).astype(float),
+        "robot_falls": falls["robot"],
     }

@@ -49,10 +49,10 @@ def _repetitions(table: Mapping[tuple, Any], what: str) -> list[dict[Any, Any]]:
 
 
 def _values(
-    groups: Iterable[dict[int, Any]], value: Callable[[Any], float], least: int = 0
+    groups: Iterable[dict[int, Any]], value: Callable[[Any], float], min_nodes: int = 0
 ) -> list[dict[int, float]]:
     """A number of each result, by size, for each repetition."""
-    return [{n: value(r) for n, r in group.items() if n >= least} for group in groups]
+    return [{n: value(r) for n, r in group.items() if n >= min_nodes} for group in groups]
 
 
 def _trends(groups: Iterable[Mapping[int, float]]) -> np.ndarray:

@@ -25,7 +25,7 @@ from .evidence import Evidence, by_seed, column, curves
 from .registry import LEAST_RUNS, Numbers, measure
 
 UNDER = {"kp": (107.0, np.inf), "kappa": (0.0, 0.1)}  # parts of the map of impedances
-GOOD = {"kp": (50.0, 1500.0), "kappa": (0.3, 2.0)}
+TUNED = {"kp": (50.0, 1500.0), "kappa": (0.3, 2.0)}
 OVER = {"kp": (50.0, np.inf), "kappa": (3.0, np.inf)}
 SOFT, STIFF = 75.0, 1000.0  # the "compliant" and the "stiff" robot [N·m/rad]
 TICK = 0.004  # control period at which the network has to answer [s]
@@ -55,13 +55,13 @@ def damping(evidence: Evidence) -> Numbers:
         return sheet.columns[name][sheet.within({**place, "survived": (0.0, 1.0)})]
 
     def over_good(name: str) -> np.ndarray:
-        good = at(GOOD, name)
-        return at(UNDER, name) / np.nanmedian(good) if np.isfinite(good).any() else np.array([])
+        best = at(TUNED, name)
+        return at(UNDER, name) / np.nanmedian(best) if np.isfinite(best).any() else np.array([])
 
     underdamped = at(UNDER, "stability")
     return {
         "falls_underdamped": 1.0 - at(UNDER, "survived"),
-        "falls_good": 1.0 - at(GOOD, "survived"),
+        "falls_good": 1.0 - at(TUNED, "survived"),
         "power_ratio": over_good("positive_power"), "impact_ratio": over_good("grf_max"),
         "overdamped_shake_ratio": at(OVER, "stability") / np.nanmedian(underdamped)
         if np.isfinite(underdamped).any() else np.array([]),

@@ -31,8 +31,8 @@ def clock_keeps_the_gait(evidence: Evidence) -> Numbers:
 def no_clock_fails(evidence: Evidence) -> Numbers:
     """Whether each RSE trial fails by any criterion, and whether it falls, 0 or 1."""
     _, rse = _trials(evidence)
-    fell = np.array([float(bool(case.verdict["fall"])) for case in rse])
-    return {"failed": 1.0 - _each(rse, "survived"), "fell": fell}
+    falls = np.array([float(bool(case.verdict["fall"])) for case in rse])
+    return {"failed": 1.0 - _each(rse, "survived"), "fell": falls}
 
 
 @measure
@@ -40,7 +40,7 @@ def error_overshoots(evidence: Evidence) -> Numbers:
     """Largest smoothed NRMSE, and whether each RSE trial fails before the delay starts, 0 or 1."""
     pse, rse = _trials(evidence)
 
-    def early(case: CaseResult) -> bool:
+    def is_early(case: CaseResult) -> bool:
         start = case.experiment["effects"][0]["start"]
         before = case.curves["error_t"] < start
         closing = case.experiment["learner"]["stand"] + case.experiment["learner"]["train"]
@@ -48,7 +48,7 @@ def error_overshoots(evidence: Evidence) -> Numbers:
         return bool(np.max(case.curves["error"][driven], initial=0.0) > 0.3)
 
     return {"pse_nrmse": _each(pse, "nrmse"), "rse_nrmse": _each(rse, "nrmse"),
-            "rse_early": np.array([float(early(case)) for case in rse])}  # fmt: skip
+            "rse_early": np.array([float(is_early(case)) for case in rse])}  # fmt: skip
 
 
 @measure

@@ -108,7 +108,7 @@ class Evidence:
     Args:
         entries: Entries of the plan.
         folder: Folder that holds a folder per entry.
-        others: Results of entries that are not studies, by name, as functions without arguments.
+        other_results: Results of entries that are not studies, by name, as functions without arguments.
         change: One of the plan's changes; empty for the entries as they are judged.
     """
 
@@ -116,10 +116,10 @@ class Evidence:
         self,
         entries: dict[str, Entry],
         folder: Path,
-        others: dict[str, Callable[[], Any]] | None = None,
+        other_results: dict[str, Callable[[], Any]] | None = None,
         change: str = "",
     ):
-        self.entries, self.folder, self._other_results = entries, folder, others or {}
+        self.entries, self.folder, self._other_results = entries, folder, other_results or {}
         self.change = change
         self.changed = {e.base: n for n, e in entries.items() if change and e.change == change}
         self._read: dict[str, Any] = {}
@@ -192,10 +192,10 @@ def curves(
     cases: Sequence[CaseResult], axis: str, metric: str, phase: str
 ) -> tuple[np.ndarray, np.ndarray]:
     """Values of an axis, (n,), and a metric at each for each seed, (seeds, n); NaN if it fell."""
-    places = np.unique([float(case.at[axis]) for case in cases])
+    grid = np.unique([float(case.at[axis]) for case in cases])
     groups = by_seed(cases)
-    values = np.full((len(groups), len(places)), np.nan)
+    values = np.full((len(groups), len(grid)), np.nan)
     for row, group in zip(values, groups, strict=True):
-        at = np.searchsorted(places, [float(case.at[axis]) for case in group])
+        at = np.searchsorted(grid, [float(case.at[axis]) for case in group])
         row[at] = column(group, metric, phase)
-    return places, values
+    return grid, values

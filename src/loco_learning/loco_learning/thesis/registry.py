@@ -227,10 +227,10 @@ def _check(claim: Claim, where: str) -> None:
         datetime.date.fromisoformat(claim.frozen)
     except ValueError as error:
         raise ParameterError(f"{where}.frozen must be the date of the rule, {error}") from error
-    kinds = {bound.kind for bound in claim.rule.values()}
-    if "value" in kinds and not (claim.exact or claim.holds):
+    bound_types = {bound.kind for bound in claim.rule.values()}
+    if "value" in bound_types and not (claim.exact or claim.holds):
         raise ParameterError(f"{where} judges one value and does not say why that is enough")
-    if kinds != {"value"} and claim.runs < LEAST_RUNS:
+    if bound_types != {"value"} and claim.runs < LEAST_RUNS:
         raise ParameterError(
             f"{where} judges numbers that differ between runs by {claim.runs} runs; their spread "
             f"needs at least {LEAST_RUNS}"
@@ -285,8 +285,8 @@ def judge_all(claims: Iterable[Claim], evidence: Any) -> list[Verdict]:
             continue
         for other in changed:
             if claim.evidence[0] in other.changed:
-                found = judge(claim, other)
-                verdicts += [replace(found, change=other.change)] if found.numbers else []
+                verdict = judge(claim, other)
+                verdicts += [replace(verdict, change=other.change)] if verdict.numbers else []
     return verdicts
 
 
@@ -310,14 +310,14 @@ def decide(claim: Claim, numbers: Numbers) -> Verdict:
         value = float(numbers.get(name, math.nan))
         if not low <= value <= high:
             limits = Bound("value", low, high).text
-            reason = f"Number {_plain(name)} is {_text(value)}, not {limits}."
+            reason = f"Number {_readable(name)} is {_text(value)}, not {limits}."
             return Verdict(claim, text, OPEN, reason, numbers)
     lacking, refuted = [], False
     for name, bound in claim.rule.items():
         agrees, lack = _compared(bound, _finite(numbers.get(name, math.nan)), claim.runs)
         refuted |= agrees is False
         if lack:
-            lacking.append(f"{_plain(name)}: {lack}")
+            lacking.append(f"{_readable(name)}: {lack}")
     if refuted:
         return Verdict(claim, text, DISAGREES, claim.why or "Not explained yet.", numbers)
     if lacking:
@@ -368,26 +368,26 @@ def _finite(value: float | np.ndarray) -> np.ndarray:
 def _number_text(name: str, value: float | np.ndarray, bound: Bound | None) -> str:
     """A number with its interval and its runs."""
     if np.ndim(value) == 0:
-        return f"{_plain(name)} {_text(float(value))}"
+        return f"{_readable(name)} {_text(float(value))}"
     values = _finite(value)
     if not len(values):
-        return f"{_plain(name)} –"
+        return f"{_readable(name)} –"
     kind = bound.kind if bound else "share" if set(values) <= {0.0, 1.0} else "median"
     low, high = COMPARISONS[kind](values)
     if math.isnan(low):
         low, high = _range(values)
     middle = np.mean(values) if kind == "share" else np.median(values)
     numbers = f"{_text(low)} to {_text(high)}, {len(values)} runs"
-    return f"{_plain(name)} {_text(float(middle))} ({numbers})"
+    return f"{_readable(name)} {_text(float(middle))} ({numbers})"
 
 
 def _name(name: str, kind: str) -> str:
     return {"median": "median of ", "share": "share of ", "each": "each ", "value": ""}[
         kind
-    ] + _plain(name)
+    ] + _readable(name)
 
 
-def _plain(name: str) -> str:
+def _readable(name: str) -> str:
     return name.replace("_", " ")
 
 

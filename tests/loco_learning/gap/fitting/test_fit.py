@@ -13,17 +13,17 @@ from loco_learning.gap.fitting.fit import (
     Setting,
     _bounds,
     _strides,
-    beyond,
+    escape,
     fit,
     jointly,
-    polish,
+    refine,
     weigh,
 )
 from loco_learning.gap.hypotheses.hypotheses import offer
 from loco_learning.gap.params import GapParams
 from loco_learning.gap.prediction.case import Case
 from loco_learning.gap.prediction.forward import Forward
-from loco_learning.gap.statistics.solve import FEW, guided
+from loco_learning.gap.statistics.solve import MIN_GAIN, guided
 from loco_sim.effects.coordinates import Coordinate
 from loco_sim.effects.offers import Motion
 
@@ -45,7 +45,7 @@ def test_a_wrong_shape_is_left_behind(bench):
     case, offered = bench([STRIBECK])
     (hypothesis,) = offered["stribeck_friction"].hypotheses
     near = weigh(case, [at(hypothesis, torque=0.5, velocity=1.0)], {})
-    far = beyond(case, near, setting())
+    far = escape(case, near, setting())
     assert far.fit_rms < 0.5 * near.fit_rms
     (spec,) = far.specs
     assert spec["velocity"] == pytest.approx(STRIBECK["velocity"], rel=0.1)
@@ -63,7 +63,7 @@ def test_minima_are_sought_in_steps_of_the_model_and_fitted_in_finer_ones(bench,
         return simulate(self, effects, overrides, only, step)
 
     monkeypatch.setattr(Forward, "__call__", counted)
-    far = beyond(case, near, setting())
+    far = escape(case, near, setting())
     assert steps[-1] == case.fine < 1.0
     assert steps.count(1.0) > 2 * steps.count(case.fine)
     r = Problem(case, far.parts, setting())(Problem(case, far.parts, setting()).start)
@@ -74,7 +74,7 @@ def test_the_right_one_stays(bench):
     case, offered = bench([STRIBECK])
     (hypothesis,) = offered["stribeck_friction"].hypotheses
     right = fit(case, [at(hypothesis, torque=4.3, velocity=0.085)], setting())
-    assert beyond(case, right, setting()).fit_rms <= right.fit_rms
+    assert escape(case, right, setting()).fit_rms <= right.fit_rms
 
 
 def test_a_model_is_fitted_in_its_own_steps_where_their_error_is_known(bench, monkeypatch):
@@ -106,7 +106,7 @@ def test_a_strength_alone_has_one_minimum(bench):
     (hypothesis,) = offered["coulomb_friction"].hypotheses
     model = fit(case, [at(hypothesis, torque=1.0)], setting())
     before = case.count
-    assert beyond(case, model, setting()) is model
+    assert escape(case, model, setting()) is model
     assert case.count == before
 
 
@@ -129,7 +129,7 @@ def test_no_single_value_lowers_a_fit_of_an_effect_that_is_not_smooth(bench, nam
     begun = {c.name: ROUGH[name][c.name] for c in rest} | {
         first.name: 0.3 * ROUGH[name][first.name]
     }
-    model = polish(case, fit(case, [at(hypothesis, **begun)], setting()), setting())
+    model = refine(case, fit(case, [at(hypothesis, **begun)], setting()), setting())
     exact = case.corrected(model.specs, {})
     ((_, x),) = model.parts
 
@@ -143,7 +143,7 @@ def test_no_single_value_lowers_a_fit_of_an_effect_that_is_not_smooth(bench, nam
             moved = list(x)
             ratio = factor if c.strength or c.logarithmic else 1.0 + 0.1 * (factor - 1.0)
             moved[i] = c.clipped(x[i] + math.log(ratio) if c.logarithmic else x[i] * ratio)
-            assert cost(moved) > cost(x) - FEW, (c.name, factor)
+            assert cost(moved) > cost(x) - MIN_GAIN, (c.name, factor)
 
 
 def test_a_stop_is_found_from_a_hundredth_of_its_stiffness(bench):
@@ -151,7 +151,7 @@ def test_a_stop_is_found_from_a_hundredth_of_its_stiffness(bench):
     case, offered = bench([{"name": "end_stop", **ROUGH["end_stop"]}])
     (hypothesis,) = offered["end_stop"].hypotheses
     soft = at(hypothesis, angle=-0.054, stiffness=400.0, damping=1.0)
-    model = polish(case, fit(case, [soft], setting()), setting())
+    model = refine(case, fit(case, [soft], setting()), setting())
     (spec,) = model.specs
     for key, value in ROUGH["end_stop"].items():
         assert spec[key] == pytest.approx(value, rel=0.1), key
@@ -228,7 +228,7 @@ def test_a_model_that_is_polished_gets_its_robot_fitted_once(servo, monkeypatch)
         raise AssertionError("sought apart from the effects")
 
     monkeypatch.setattr(Case, "_sought", never)
-    found = polish(case, apart, setting())
+    found = refine(case, apart, setting())
     assert found.fit_rms < 0.8 * apart.fit_rms
 
 

@@ -144,8 +144,8 @@ def test_it_is_never_proposed_as_a_cause(slide, measured):
 @pytest.mark.parametrize("channels", [1, 2, 3, 6, 35])
 @pytest.mark.parametrize("times", [0.5, 1.0, 1.5, 3.0, 5.9, 20.0])
 def test_of_many_values_few_are_used_of_each_channel_as_many(times, channels):
-    ticks = int(times * residual.MOST) // channels
+    ticks = int(times * residual.MAX_VALUES) // channels
     stride = residual._stride(np.zeros(ticks * channels), channels)
     used = np.arange(0, ticks * channels, stride) % channels
-    assert len(used) <= residual.MOST and (times > 1.0) == (stride > 1)
+    assert len(used) <= residual.MAX_VALUES and (times > 1.0) == (stride > 1)
     assert np.ptp(np.bincount(used, minlength=channels)) <= 1

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from loco_control.exceptions import ParameterError
-from loco_learning.gap.fitting.screen import IDLE, _quiet
+from loco_learning.gap.fitting.screen import NEGLIGIBLE, _quiet
 from loco_learning.gap.fitting.screen import screen as screened
 from loco_learning.gap.hypotheses import hints
-from loco_learning.gap.hypotheses.bundles import Bundle
+from loco_learning.gap.hypotheses.bundles import Batch
 from loco_learning.gap.hypotheses.hypotheses import offer
 from loco_sim.effects.offers import Motion
 from loco_sim.robot import robot
@@ -41,7 +41,7 @@ def tried(bench, effect, name):
 )
 def test_what_is_missing_is_found_at_any_size(bench, effect):
     found = tried(bench, effect, effect["name"])
-    assert found.share > IDLE
+    assert found.share > NEGLIGIBLE
     assert not found.dead
 
 
@@ -52,7 +52,7 @@ def test_the_longest_legal_delay_can_be_simulated(bench):
 
 def test_what_cannot_explain_anything_does_not(bench):
     found = tried(bench, {"name": "torque_limit", "reduction": 0.8}, "command_delay")
-    assert found.share < IDLE
+    assert found.share < NEGLIGIBLE
 
 
 def alone(effect, does, size, elsewhere=0.0, forward=None):
@@ -77,7 +77,7 @@ def alone(effect, does, size, elsewhere=0.0, forward=None):
     offered = offer(plant, ("q",), Motion(np.full(1, -0.5), np.full(1, 0.5)))
     offered = hints.sized(offered, forward) if forward else offered
     (hypothesis,) = [h for h in offered if h.effect == effect]
-    (found,) = screened(case, Bundle((hypothesis,), (mask,)), [], {}, [0], vector([], {}, [0], 1))
+    (found,) = screened(case, Batch((hypothesis,), (mask,)), [], {}, [0], vector([], {}, [0], 1))
     return found, next(strengths(hypothesis.term(found.x).params))
 
 
@@ -105,7 +105,7 @@ def test_a_gap_elsewhere_does_not_change_the_size_of_a_limit(elsewhere):
     found, missing = alone("torque_limit", does, 0.8, elsewhere)
     assert missing == pytest.approx(alone("torque_limit", does, 0.8)[1])
     assert missing == pytest.approx(0.8, abs=0.01)
-    assert found.share * (1.0 + elsewhere**2 / does(0.8) ** 2) > IDLE
+    assert found.share * (1.0 + elsewhere**2 / does(0.8) ** 2) > NEGLIGIBLE
 
 
 def test_what_is_nothing_at_one_size_and_too_much_at_the_next_is_found_between():
@@ -129,7 +129,7 @@ def test_a_limit_that_does_as_much_elsewhere_a_little_further_is_found_below():
 def test_a_size_that_does_nothing_of_its_own_is_not_made_smaller_for_ever():
     """A drive with backlash of no width still has its rotor: what is left does not get less."""
     found, _ = alone("backlash", lambda x: {0.0: 0.0, 1e-3: 1.0}.get(x, -1.2), 1e-3)
-    assert found.share < IDLE
+    assert found.share < NEGLIGIBLE
     assert found.cost <= 12  # three starts of the rotor
 
 
@@ -146,7 +146,7 @@ def test_a_branch_that_is_quiet_is_not_tried_and_explains_nothing():
     rows = np.repeat([True, False], 500)
     residual = np.where(rows, 1.0, 50.0)
     case = SimpleNamespace(vector=None, channel_of=lambda only: np.where(rows, 0, 1))
-    bundle = Bundle((laws.COULOMB,), (np.array([True, False]),), passes=True)
+    bundle = Batch((laws.COULOMB,), (np.array([True, False]),), passes=True)
     (found,) = screened(case, bundle, [], {}, [0], residual)
     assert (found.share, found.cost, found.dead) == (0.0, 0, False)
 
@@ -161,7 +161,7 @@ def test_what_cannot_be_built_explains_nothing_and_does_not_keep_others_from_it(
         return (sum(spec["torque"] for spec in specs) - 0.07) * np.sin(t)
 
     case = SimpleNamespace(vector=vector, channel_of=lambda only: np.zeros(200, int))
-    bundle = Bundle((laws.COULOMB, late), (None, None))
+    bundle = Batch((laws.COULOMB, late), (None, None))
     rubs, failed = screened(case, bundle, [], {}, [0], vector([], {}, [0], True))
     assert rubs.share == pytest.approx(1.0) and not rubs.failed
     assert (failed.share, failed.dead, failed.failed) == (0.0, True, "no such delay")
@@ -181,7 +181,7 @@ def test_what_several_strengths_explain_is_promised_less_a_tenth(count, share):
     case = SimpleNamespace(vector=vector, channel_of=lambda only: np.zeros(400, int))
     law = laws.hypothesis("coulomb_friction", *sizes)
     gap = vector([dict.fromkeys([c.name for c in sizes], 0.0)], {}, [0], True)
-    (found,) = screened(case, Bundle((law,), (None,)), [], {}, [0], gap)
+    (found,) = screened(case, Batch((law,), (None,)), [], {}, [0], gap)
     assert found.share == pytest.approx(share, abs=1e-6)
     assert found.x == pytest.approx([0.07 / 0.05] * count, rel=0.01)
 
@@ -228,7 +228,7 @@ def quiet_beside(effect, level, rounds=False):
 
     flat = np.zeros(200, int)
     case = SimpleNamespace(vector=vector, channel_of=lambda only: flat, rounds=rounds)
-    (found,) = screened(case, Bundle((hypothesis,), (None,)), [], {}, [0], wave)
+    (found,) = screened(case, Batch((hypothesis,), (None,)), [], {}, [0], wave)
     return found, len(hypothesis.starts())
 
 
@@ -236,7 +236,7 @@ def quiet_beside(effect, level, rounds=False):
 @pytest.mark.parametrize("effect", ["viscous_friction", "joint_offset", "torque_constant_error"])
 def test_a_smooth_effect_that_promises_nothing_costs_two_simulations_a_start(effect, level):
     found, starts = quiet_beside(effect, level)
-    assert found.share < IDLE and not found.dead
+    assert found.share < NEGLIGIBLE and not found.dead
     assert found.cost <= 2 * starts
 
 

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from loco_learning.gap.fitting.screen import Screened
-from loco_learning.gap.fitting.search import Search, call, siblings
-from loco_learning.gap.hypotheses.bundles import Bundle
-from loco_learning.gap.hypotheses.families import families
+from loco_learning.gap.fitting.search import Search, call, sibling_pairs
+from loco_learning.gap.hypotheses.bundles import Batch
+from loco_learning.gap.hypotheses.families import by_law
 from loco_learning.gap.hypotheses.hypotheses import Hypothesis
 from loco_learning.gap.params import GapParams
 from loco_learning.gap.prediction.case import Case
@@ -52,7 +52,7 @@ def screened(effect, place, share, variant=""):
 
 
 def test_pairs_of_one_kind_at_the_place_where_it_explains_most_are_tried():
-    found = siblings(
+    found = sibling_pairs(
         [
             screened("sensor_gain", "hip", 0.4),
             screened("sensor_bias", "knee", 0.5, "q"),
@@ -75,7 +75,9 @@ def test_pairs_of_one_kind_at_the_place_where_it_explains_most_are_tried():
 
 def test_pairs_of_siblings_are_few():
     laws = ("coulomb_friction", "viscous_friction", "stribeck_friction", "load_friction")
-    found = siblings([screened(law, "knee", 0.5 - 0.1 * k) for k, law in enumerate(laws)], 0.05)
+    found = sibling_pairs(
+        [screened(law, "knee", 0.5 - 0.1 * k) for k, law in enumerate(laws)], 0.05
+    )
     assert len(found) == 3 and not any(h.effect == laws[3] for pair in found for h, _ in pair)
 
 
@@ -121,7 +123,7 @@ def searched(bench, effects, names):
     told, hypotheses = [], [offered[name].hypotheses[0] for name in names]
     search = Search(
         case, hypotheses, GapParams(), tasks, lambda share, *_: told.append(share), {},
-        lambda some: [Bundle((h,), (None,)) for h in some],
+        lambda some: [Batch((h,), (None,)) for h in some],
     )  # fmt: skip
     return search, search.together(search.singles()), told
 
@@ -200,7 +202,7 @@ def test_a_second_law_is_tried_in_all_joints_where_these_explain_more_than_the_b
     alone, tried
 ):
     joints, kept = ("hip", "knee", "ankle"), []
-    (both,) = families([law("viscous_friction", j, 0.2) for j in joints], joints)
+    (both,) = by_law([law("viscous_friction", j, 0.2) for j in joints], joints)
     results = [law("coulomb_friction", j, 0.1) for j in joints]
     results += [law("viscous_friction", j, 0.2) for j in joints]  # already in the model
     results.append(law("load_friction", "knee", alone))
@@ -219,7 +221,7 @@ def test_a_law_in_several_joints_does_not_count_among_the_effects_of_a_model():
     search.params = GapParams(most_terms=2)
     joints = ("hip", "knee")
     one = (law("payload", "hip", 0.1).hypothesis, (1.0,))
-    (each,) = families([law("coulomb_friction", j, 0.2) for j in joints], joints)
+    (each,) = by_law([law("coulomb_friction", j, 0.2) for j in joints], joints)
     kinds = [((one,), True), ((one, one), False), ((each, one), True), ((each, one, one), False)]
     for parts, more in kinds:
         assert search._extensible(SimpleNamespace(parts=parts)) is more

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from loco_learning.gap.fitting.fit import weigh
-from loco_learning.gap.fitting.seen import seen
+from loco_learning.gap.fitting.seen import observable_count
 from loco_learning.gap.hypotheses.hypotheses import offer
 from loco_learning.gap.prediction import case as cases
 from loco_learning.gap.prediction.forward import Forward
@@ -48,8 +48,8 @@ def test_a_hinge_sees_two_offsets_of_three_and_one_way_of_a_slope(case):
     """Gravity along the axis, and a shift along it, turn nothing."""
     offset = weighed(case, "com_offset", (0.1, 1.0, 0.1))
     slope = weighed(case, "slope", (1.0, 0.0))
-    assert (offset.count, seen(case, offset)) == (3, 2)
-    assert (slope.count, seen(case, slope)) == (2, 1)
+    assert (offset.count, observable_count(case, offset)) == (3, 2)
+    assert (slope.count, observable_count(case, slope)) == (2, 1)
 
 
 def test_only_what_is_seen_is_paid(case):
@@ -79,5 +79,5 @@ def test_a_size_is_seen_by_its_typical_change_within_its_bounds(x, response, cou
     asked = []
     case = SimpleNamespace(cap=1e3, whitened=whitened)
     case.kept = lambda: case
-    assert seen(case, model) == count
+    assert observable_count(case, model) == count
     assert abs(asked[1] - x) == pytest.approx(0.05 * max(1.0, x))

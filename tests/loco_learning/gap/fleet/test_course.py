@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from loco_learning.gap.fleet import pooling
-from loco_learning.gap.fleet.course import ALWAYS, BEGINS, CHANGES, ENDS, course
+from loco_learning.gap.fleet.course import ALWAYS, APPEARS, CHANGES, DISAPPEARS, course
 from loco_learning.gap.probability.weights import CRITERION
 
 NOISE, LITTLE = 0.05, 0.02
@@ -21,7 +21,7 @@ def of(levels, seed=0, noise=NOISE):
 @pytest.mark.parametrize("onset", range(1, 8))
 def test_an_onset_is_dated_at_its_day(onset):
     found = of([0.0] * onset + [1.0] * (8 - onset), seed=onset)
-    assert (found.kind, found.change) == (BEGINS, onset)
+    assert (found.kind, found.change) == (APPEARS, onset)
     assert found.present > 0.99 and found.date > 0.9
     assert np.all(found.sizes[:onset] == 0.0)
     assert np.allclose(found.sizes[onset:], 1.0, atol=4.0 * NOISE)
@@ -31,7 +31,7 @@ def test_days_in_the_other_direction_end_what_began():
     sizes = np.array([0.0, 0.01, -0.02, 1.0, 0.98])
     options = np.full(5, NOISE**2), 1.0, LITTLE, 0.5
     begins, ends = course(sizes, *options), course(sizes[::-1], *options)
-    assert (begins.kind, ends.kind) == (BEGINS, ENDS)
+    assert (begins.kind, ends.kind) == (APPEARS, DISAPPEARS)
     assert begins.change + ends.change == 5
     assert begins.present == pytest.approx(ends.present)
 

@@ -5,7 +5,7 @@ from collections import namedtuple
 
 import numpy as np
 
-from loco_learning.gap.hypotheses.bundles import bundles
+from loco_learning.gap.hypotheses.bundles import batches
 from loco_learning.gap.hypotheses.hypotheses import offer
 from loco_sim.effects.offers import Motion
 from loco_sim.robot import robot
@@ -18,7 +18,7 @@ def made(fixed, name="tigrillo", led=False):
     n = len(plant.joints)
     hypotheses = offer(plant, ("q",), Motion(np.full(n, -0.5), np.full(n, 0.5)))
     channels = [Channel("q", joint) for joint in plant.joints]
-    return hypotheses, bundles(plant, channels, hypotheses, fixed, led)
+    return hypotheses, batches(plant, channels, hypotheses, fixed, led)
 
 
 def test_every_hypothesis_is_tried_once():

@@ -64,7 +64,7 @@ def test_what_is_not_an_interval_is_none(residuals):
 def test_one_channel_alone_must_agree_on_when_it_begins():
     apart = [loud((1.0, 1.5)), loud((2.0, 2.5))]
     assert hints.interval(apart, [DT, DT]) is not None
-    assert hints.interval(apart, [DT, DT], agree=True) is None
+    assert hints.interval(apart, [DT, DT], sync=True) is None
 
 
 def test_intervals_that_begin_and_end_together_are_one():

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from loco_learning.gap.hypotheses.hints import distinct, interval
-from loco_learning.gap.hypotheses.hypotheses import Hypothesis, offer, separable, untried
+from loco_learning.gap.hypotheses.hypotheses import Hypothesis, offer, omitted, separable
 from loco_sim import effects
 from loco_sim.effects.catalogue.compliance import rest
 from loco_sim.effects.offers import Motion
@@ -64,7 +64,7 @@ def test_the_whole_range_of_a_hypothesis_is_possible_however_far_a_joint_went(na
 def test_every_applicable_effect_is_offered_or_listed_as_not_tried_with_the_reason(name):
     made, hypotheses = all_of(name)
     offered = {h.effect for h in hypotheses}
-    left = dict(untried(made, hypotheses))
+    left = dict(omitted(made, hypotheses))
     assert not offered & set(left)
     assert offered | set(left) == set(effects.applicable(made))
     assert all(left.values())
@@ -100,7 +100,7 @@ def test_a_cable_is_tried_however_fast_the_physics():
     made = robot.load("linear_axis", {"sim.physics_rate": 20_000.0})
     offered = offer(made, SIGNALS, Motion(np.zeros(1), np.ones(1)))
     assert "cable_force" in {h.effect for h in offered}
-    left = dict(untried(made, offered))
+    left = dict(omitted(made, offered))
     assert "no place, time or signal" in left["push"]  # no time at which the residual is loud
 
 
@@ -209,14 +209,14 @@ def test_a_push_that_one_channel_of_many_feels_is_found_by_that_channel():
     for r in records:
         r[150:220, 5] += 3.0
     alone = [[r[:, [c]] for r in records] for c in range(8)]
-    assert interval(records, [0.01] * 3, agree=True) is None
-    found = [interval(one, [0.01] * 3, agree=True) for one in alone]
+    assert interval(records, [0.01] * 3, sync=True) is None
+    found = [interval(one, [0.01] * 3, sync=True) for one in alone]
     assert [i for i, each in enumerate(found) if each] == [5]
     assert found[5] == pytest.approx((1.5, 2.2), abs=0.1)
     records[0][:, 5] = np.roll(records[0][:, 5], 100)  # not at the same time
     assert interval(alone[5], [0.01] * 3) is not None
     alone[5][0] = records[0][:, [5]]
-    assert interval(alone[5], [0.01] * 3, agree=True) is None
+    assert interval(alone[5], [0.01] * 3, sync=True) is None
 
 
 def test_intervals_that_differ_little_are_one():

@@ -104,7 +104,9 @@ def test_what_explains_most_is_told_with_its_size():
     case = Linear(columns, {"b": 2.0}, noise=0.0)
     case.forward.channels, case.fit_rows, case.whitened = [], [], lambda specs: []
     both = [hypothesis(name) for name in "ab"]
-    *_, first = likely.likely(case, both, lambda f, rows: [f(case, *row) for row in rows])
+    *_, first = likely.likely_hypotheses(
+        case, both, lambda f, rows: [f(case, *row) for row in rows]
+    )
     ((best, x),) = first
     assert best.effect == "b"
     assert best.term(x).params["size"] == pytest.approx(2.0)

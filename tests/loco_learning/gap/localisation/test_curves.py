@@ -87,7 +87,7 @@ def test_in_the_air_and_on_the_ground_share_channels_and_the_ground_judges():
         dataclasses.replace(r, **{k: getattr(r, k)[:, :2] for k in gap_curves._KEYS})
         for r in made(late=0.2).records
     ))  # fmt: skip
-    both = gap_curves.joined(air, ground)
+    both = gap_curves.merge(air, ground)
     assert both.channels == CHANNELS and len(both.records) == 4
     assert both.rms("before") == ground.rms("before") and both.closed == ground.closed
     np.testing.assert_array_equal(both.records[0].measured[:, [2, 1]], air.records[0].measured)

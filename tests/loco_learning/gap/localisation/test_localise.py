@@ -139,7 +139,7 @@ def test_a_joint_that_stands_rests():
     names, index = phases.phases(r, "a")
     assert {names[i] for i in index[50:750]} == {"rest"}
     assert "moving" in {names[i] for i in index[850:]}
-    assert phases.phases(r, "x")[0] == phases.WHOLE
+    assert phases.phases(r, "x")[0] == phases.ALL_ROWS
 
 
 @pytest.mark.parametrize(

@@ -81,7 +81,7 @@ def test_steps_of_a_simulation_that_solved_its_damping_are_no_gap():
     empty = Record("damped", t, told, robot.joints, {"q": 0.0 * q}, robot.joints, simulated=1e-3)
     with Simulation(robot=robot, dt=0.004) as plant:
         assert plant.physics_dt == pytest.approx(1e-3)
-        seen = np.array([state.q for state in plant.follow(running.orders(empty, robot))])
+        seen = np.array([state.q for state in plant.follow(running.sequence(empty, robot))])
     seen += 1e-6 * np.random.default_rng(1).standard_normal(seen.shape)
     record = replace(empty, signals={"q": seen})
     forward = Forward(model, [record])
@@ -92,7 +92,7 @@ def test_steps_of_a_simulation_that_solved_its_damping_are_no_gap():
 
 def test_a_drive_that_does_not_round_does_not_hunt():
     forward, _ = servo(0.0)
-    (apart,) = floors.hunting(forward, 0.25)
+    (apart,) = floors.limit_cycle_errors(forward, 0.25)
     assert not apart.any()
 
 

@@ -38,13 +38,13 @@ def rms(forward, *args):
 
 
 def test_a_model_that_lacks_nothing_needs_the_torque_it_was_told():
-    forward = led.Led(PENDULUM, [swung()])
+    forward = led.InverseDynamics(PENDULUM, [swung()])
     assert [str(c) for c in forward.channels] == ["tau pivot"]
     assert rms(forward) < 0.02 * np.nanstd(forward.measured[0])
 
 
 def test_friction_shows_as_the_torque_that_it_takes():
-    forward = led.Led(PENDULUM, [swung([FRICTION])])
+    forward = led.InverseDynamics(PENDULUM, [swung([FRICTION])])
     assert rms(forward) == pytest.approx(0.03, rel=0.2)  # it brakes all the time
     # Where the pendulum turns round it is held, by any torque up to that: a part stays open.
     assert rms(forward, [FRICTION]) < 0.25 * rms(forward)
@@ -52,7 +52,7 @@ def test_friction_shows_as_the_torque_that_it_takes():
 
 def test_gain_and_bias_of_a_torque_drive_count_as_in_a_simulation():
     values = {"drives.pivot.gain": 0.8, "drives.pivot.bias": 0.02}
-    forward = led.Led(PENDULUM, [swung(overrides=values)])
+    forward = led.InverseDynamics(PENDULUM, [swung(overrides=values)])
     assert rms(forward, (), values) < 0.1 * rms(forward)
 
 
@@ -77,7 +77,11 @@ def pushed(damping, seconds=16.0, gravity=9.81):
 @pytest.mark.parametrize("model", [PENDULUM, STRONG, RUBS, HEAVY])
 @pytest.mark.parametrize(
     ("damping", "gravity", "how"),
-    [(0.1, 9.81, Forward.how), (1e-4, 9.81, led.Led.how), (2e-3, 0.0, led.Led.how)],
+    [
+        (0.1, 9.81, Forward.how),
+        (1e-4, 9.81, led.InverseDynamics.how),
+        (2e-3, 0.0, led.InverseDynamics.how),
+    ],
 )
 def test_the_way_of_comparison_follows_from_what_was_measured(model, damping, gravity, how):
     """A motion that forgets is run; one that nothing damps, or nothing pulls back, is led."""
@@ -113,7 +117,7 @@ def test_a_torque_that_friction_takes_at_low_speed_is_compared_along_the_motion(
     level = Model("pendulum", {"sim.gravity": 0.0})
     (said,) = led.measured(Forward(level, [slow]))
     assert said.fed_back > led.FED_BACK
-    assert led.forward(level, [slow]).how == led.Led.how
+    assert led.forward(level, [slow]).how == led.InverseDynamics.how
 
 
 @pytest.mark.parametrize(("damping", "gravity"), [(0.02, 9.81), (0.05, 9.81), (0.004, 0.0)])
@@ -125,7 +129,7 @@ def test_a_joint_tells_its_feedback_and_how_fast_it_forgets(damping, gravity):
     if gravity:
         assert said.decay == pytest.approx(slow, rel=0.2)
     else:
-        assert said.decay * 16.0 < 0.5 * led.FORGOTTEN
+        assert said.decay * 16.0 < 0.5 * led.DECAY_TIMES
     assert said.fed_back < 0.5
 
 
@@ -141,21 +145,21 @@ def test_a_joint_tells_its_feedback_and_how_fast_it_forgets(damping, gravity):
 def test_what_a_model_says_of_commands_and_drives_is_done_to_the_torque_it_was_told(effect):
     """A robot with its effect in model.yaml has no gap, though it is led; without it, it has."""
     record, right = swung([effect]), Model("pendulum", {}, [effect])
-    left = rms(led.Led(right, [record]))
-    assert left < 0.3 * rms(led.Led(PENDULUM, [record]))
-    assert left < 0.05 * np.nanstd(led.Led(right, [record]).measured[0])
+    left = rms(led.InverseDynamics(right, [record]))
+    assert left < 0.3 * rms(led.InverseDynamics(PENDULUM, [record]))
+    assert left < 0.05 * np.nanstd(led.InverseDynamics(right, [record]).measured[0])
 
 
 @pytest.mark.parametrize("effect", [{"name": "sensor_bias", "q": 0.01},
                                     {"name": "sensor_noise", "q": 0.01}])  # fmt: skip
 def test_what_a_model_says_of_sensors_leads_it_nowhere_else(effect):
-    forward = led.Led(Model("pendulum", {}, [effect]), [swung()])
+    forward = led.InverseDynamics(Model("pendulum", {}, [effect]), [swung()])
     assert rms(forward) < 0.02 * np.nanstd(forward.measured[0])
 
 
 def test_values_that_are_uncertain_are_refitted_without_a_simulation(monkeypatch):
     truth = {"bodies.rod.mass": 1.3}
-    forward = led.Led(PENDULUM, [swung([FRICTION], truth)])
+    forward = led.InverseDynamics(PENDULUM, [swung([FRICTION], truth)])
     plain = cases.prepare(forward, forward.records, [])
     assert plain.loose is None
     robot = replace(forward.given(), uncertain={"bodies.rod.mass": 0.2})
@@ -172,7 +176,7 @@ def test_values_that_are_uncertain_are_refitted_without_a_simulation(monkeypatch
 
 @pytest.mark.parametrize("effects", [[], [FRICTION]])
 def test_a_link_that_is_refitted_to_next_to_nothing_is_led_all_the_same(effects):
-    forward = led.Led(PENDULUM, [swung()])
+    forward = led.InverseDynamics(PENDULUM, [swung()])
     light = {"bodies.rod.mass": 1e-3, "bodies.rod.inertia": 1e-3}
     (said,) = forward(effects, light)
     known = np.isfinite(forward.measured[0])
@@ -187,7 +191,7 @@ def test_a_joint_is_led_however_much_it_is_braked(damping):
     """Its brake is up to five times that of a drive for its inertia alone."""
     light = {"bodies.rod.mass": 0.01, "bodies.rod.inertia": 0.01}
     brake = {"name": "viscous_friction", "joint": "pivot", "damping": damping}
-    forward = led.Led(Model("pendulum", light), [swung([brake], light)])
+    forward = led.InverseDynamics(Model("pendulum", light), [swung([brake], light)])
     assert rms(forward, [brake]) < 0.03 * np.nanstd(forward.measured[0])
 
 
@@ -196,6 +200,6 @@ def test_feedback_is_of_all_joints(monkeypatch, joints):
     """Friction explains most of the torque of a light wrist, and little of that of a shoulder."""
     said = [led.Free(0.95, -1.0, 0.5)] * (joints - 1) + [led.Free(0.4, -1.0, 0.5)]
     monkeypatch.setattr(led, "measured", lambda forward: said)
-    assert led.forward(PENDULUM, [swung()]).how == led.Led.how
+    assert led.forward(PENDULUM, [swung()]).how == led.InverseDynamics.how
     monkeypatch.setattr(led, "measured", lambda forward: [led.Free(0.95, -1.0, 0.5)] * joints)
     assert led.forward(PENDULUM, [swung()]).how == Forward.how

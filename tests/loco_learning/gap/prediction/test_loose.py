@@ -42,8 +42,8 @@ def test_an_effect_is_not_taken_for_a_model_that_is_off(slide):
     case = of(slide, [FRICTION])
     assert evidence.rms(case.suited([], {})[0]) > 3.0
     assert evidence.rms(case.suited([FRICTION], {})[0]) < 1.1
-    given = weigh(case, (), {}, given=True)
-    assert given.loose == {} and given.pull < 3 * 0.5 * loose.MOST**2  # of three clocks alone
+    given = weigh(case, (), {}, initial=True)
+    assert given.loose == {} and given.pull < 3 * 0.5 * loose.RANGE**2  # of three clocks alone
 
 
 def test_where_a_record_begins_is_no_gap():
@@ -216,7 +216,7 @@ def test_no_value_goes_where_no_robot_can_be_built(servo, name, deviation, true)
     index = near.names.index(name)
     for side in near.reach:
         values = near.values(side)
-        assert values[name] >= loose.LEAST * near.nominal[index] * (1.0 - 1e-9)
+        assert values[name] >= loose.MIN_RATIO * near.nominal[index] * (1.0 - 1e-9)
         assert np.isfinite(forward(overrides=values)[0]).all()
 
 

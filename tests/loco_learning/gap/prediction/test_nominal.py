@@ -57,7 +57,7 @@ def test_a_change_is_a_robot_that_can_be_built_and_differs(index):
         for name, spread in nominal.priors(there)[index].items()
     }
     moved = Model("servo_pendulum", change).make_robot()
-    assert nominal.parted(change) == (change, [])
+    assert nominal.split_drives(change) == (change, [])
     if index == 0:
         ratio = Description(moved.urdf).mass() / Description(there.urdf).mass()
         assert 1.0 < ratio <= 1.0 + nominal.MASS + 1e-9
@@ -70,7 +70,7 @@ def test_a_drive_without_a_gear_is_weak_beyond_its_limit_as_well():
     name = f"{nominal.CONSTANT}.slide"
     assert group == {name: nominal.DRIVE}
     assert nominal_value(None, name) == 0.0
-    overrides, effects = nominal.parted({name: -0.01, "bodies.carriage.mass": 1.01})
+    overrides, effects = nominal.split_drives({name: -0.01, "bodies.carriage.mass": 1.01})
     assert overrides == {"bodies.carriage.mass": 1.01}
     assert effects == [{"name": nominal.CONSTANT, "joint": "slide", "error": -0.01}]
     said = nominal.written(Model("linear_axis").make_robot(), {name: -0.01})

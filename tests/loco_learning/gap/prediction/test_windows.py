@@ -154,7 +154,7 @@ def test_pieces_follow_each_other_and_the_right_model_stays_in_them():
     record = swinging()
     forward = Forward(Model("pendulum"), [record], SHORT)
     error = forward()[0] - forward.measured[0]
-    starts = windows.pieces(record, forward.robot(), 0.2)
+    starts = windows.segments(record, forward.robot(), 0.2)
     assert [s.row for s in starts] == list(range(0, 400, 40))
     assert forward.begun() == [list(range(40, 400, 40))]
     assert np.isnan(error[[0, 1, 2, 3, 40, 41, 42, 43]]).all()

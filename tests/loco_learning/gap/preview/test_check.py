@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from loco_learning.gap.fitting.search import call
-from loco_learning.gap.hypotheses.bundles import Bundle
+from loco_learning.gap.hypotheses.bundles import Batch
 from loco_learning.gap.params import GapParams
 from loco_learning.gap.prediction.forward import Forward
 from loco_learning.gap.preview import check, visible
@@ -27,7 +27,7 @@ SHOWS = 0.75
 @pytest.fixture(scope="module")
 def found(slide):
     fit, judge = slide.records()
-    return check.look(slide.model, [*fit, *judge])
+    return check.inspect(slide.model, [*fit, *judge])
 
 
 def repeated(record, count):
@@ -51,12 +51,12 @@ def steps(monkeypatch):
     run, counted = kernels.run, []
 
     def counting(orders, out, memories):
-        counted.append(np.diff(orders.pieces).sum() * len(orders.which) // len(out))
+        counted.append(np.diff(orders.segments).sum() * len(orders.which) // len(out))
         return run(orders, out, memories)
 
     def count(*inputs):
         counted.clear()
-        check.look(*inputs)
+        check.inspect(*inputs)
         return sum(counted)
 
     monkeypatch.setattr(kernels, "run", counting)
@@ -72,7 +72,9 @@ def test_an_effect_of_the_smallest_size_adds_as_much_as_shows(bench, effect):
     case, bundles = bench([])
     case = replace(case, fit_rows=[np.ones(len(r.t), dtype=bool) for r in case.records])
     with pool.start(call, (case,)) as tasks:
-        (one,), seconds = visible.look(case, [bundles[effect]], SHOWS, tasks, lambda share: None)
+        (one,), seconds = visible.visible_sizes(
+            case, [bundles[effect]], SHOWS, tasks, lambda share: None
+        )
     assert seconds > 0.0
     (h,) = bundles[effect].hypotheses
     c = h.coordinates[0]
@@ -107,7 +109,7 @@ def test_look_alikes_are_mutual(found):
 def test_any_number_of_workers_says_the_same(slide, found):
     fit, judge = slide.records()
     shares = []
-    again = check.look(
+    again = check.inspect(
         slide.model, [*fit, *judge], progress=lambda share, stage: shares.append(share), workers=2
     )
     assert shares == sorted(shares) and max(np.diff(shares)) < 0.2  # it is seen to go on
@@ -121,7 +123,7 @@ def test_an_effect_that_the_robot_cannot_have_says_why(bench):
     (h,) = bundles["coulomb_friction"].hypotheses
     wrong = replace(h, fixed=(("joint", "nowhere"),))
     base = case.vector((), coarse=True)
-    one, two = visible.try_bundle(case, Bundle((wrong, h), (None, None)), SHOWS, base)
+    one, two = visible.try_bundle(case, Batch((wrong, h), (None, None)), SHOWS, base)
     assert "nowhere" in one.failed and not two.failed
     assert math.isinf(one.smallest()) and two.smallest() > 0.0
 
@@ -184,22 +186,22 @@ def test_the_part_that_is_simulated_moves_most(slide):
 
 def test_settings_of_the_search_change_its_time(slide, found):
     fit, judge = slide.records()
-    longer = check.look(slide.model, [*fit, *judge], GapParams(finalists=40, evaluations=180))
+    longer = check.inspect(slide.model, [*fit, *judge], GapParams(finalists=40, evaluations=180))
     assert longer["search_seconds"][0] > 2.0 * found["search_seconds"][0]
     assert found["search_seconds"][0] < found["search_seconds"][1]
 
 
 def test_a_search_takes_longer_where_effects_take_longer_to_try(slide, monkeypatch):
     fit, judge = slide.records()
-    tried, told = visible.look, []
+    tried, told = visible.visible_sizes, []
     for slower in (1.0, 3.0):
 
         def look(*args, by=slower):
             rows, _ = tried(*args)
             return rows, by
 
-        monkeypatch.setattr(visible, "look", look)
-        told.append(check.look(slide.model, [*fit, *judge])["search_seconds"][0])
+        monkeypatch.setattr(visible, "visible_sizes", look)
+        told.append(check.inspect(slide.model, [*fit, *judge])["search_seconds"][0])
     assert told[1] == pytest.approx(3.0 * told[0], rel=0.1)
 
 
@@ -232,7 +234,7 @@ def test_sub_steps_shorten_excerpts(slide):
 
 def test_excerpts_tell_the_same_effects_and_say_so(slide, found, short):
     fit, judge = slide.records()
-    brief = check.look(slide.model, [*fit, *judge])
+    brief = check.inspect(slide.model, [*fit, *judge])
     assert found["notes"] == []
     assert brief["notes"] == [
         "effects were tried on excerpts, the parts that move most: 1.5 s of 5.99 s, from 3 of 3 "

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from loco_control.exceptions import ParameterError
-from loco_learning.gap.hypotheses.bundles import Bundle
+from loco_learning.gap.hypotheses.bundles import Batch
 from loco_learning.gap.hypotheses.hypotheses import Hypothesis
 from loco_learning.gap.preview import visible
 from loco_sim.effects import EFFECTS
@@ -59,9 +59,9 @@ class Case:
 
 
 def tried(case: Case, *laws: Hypothesis, channels=None) -> list[visible.Visible]:
-    bundle = Bundle(laws, tuple(channels or [None] * len(laws)))
+    bundle = Batch(laws, tuple(channels or [None] * len(laws)))
     trials = visible.try_bundle(case, bundle, SHOWS, case.vector((), coarse=True))
-    return visible._told(case, trials)
+    return visible._summarise(case, trials)
 
 
 @pytest.mark.parametrize("loud", [1e-3, 0.3, 1.0, 40.0, 2e4])
@@ -89,8 +89,8 @@ def test_a_threshold_is_enclosed_between_a_dead_and_a_loud_size(threshold):
     tried_sizes = [size for size in case.asked if size > 0.0]
     loud = min(size for size in tried_sizes if size >= threshold)
     dead = max(size for size in tried_sizes if size < threshold)
-    assert one.smallest == pytest.approx(loud / visible.NEAR)
-    assert loud <= visible.NEAR**2 * dead or len(tried_sizes) == visible.TRIES
+    assert one.smallest == pytest.approx(loud / visible.LINEAR)
+    assert loud <= visible.LINEAR**2 * dead or len(tried_sizes) == visible.TRIES
 
 
 @pytest.mark.parametrize("level", [0.0, 40.0])
@@ -149,10 +149,10 @@ def test_effects_that_do_the_same_are_told_whichever_way_round():
         trial
         for name, _ in loud
         for trial in visible.try_bundle(
-            case, Bundle((law(name),), (None,)), SHOWS, case.vector((), coarse=True)
+            case, Batch((law(name),), (None,)), SHOWS, case.vector((), coarse=True)
         )
     ]
-    rubs, rotor, push = visible._told(case, trials)
+    rubs, rotor, push = visible._summarise(case, trials)
     assert (rubs.alike, rotor.alike) == (("armature",), ("coulomb_friction",))
     assert push.alike == ()
 
@@ -173,6 +173,6 @@ def test_each_strength_of_a_law_is_tried_with_the_others_at_nothing():
 
     both = Both({})
     base = both.vector((), coarse=True)
-    trials = visible.try_bundle(both, Bundle((law_of_two,), (None,)), SHOWS, base)
+    trials = visible.try_bundle(both, Batch((law_of_two,), (None,)), SHOWS, base)
     assert [t.smallest() for t in trials] == pytest.approx([SHOWS, 0.5 * SHOWS])
     assert all(min(spec["roll"], spec["pitch"]) == 0.0 and spec["speed"] == 1.0 for spec in asked)

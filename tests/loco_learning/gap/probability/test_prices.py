@@ -46,19 +46,19 @@ def test_a_shape_that_no_robot_has_costs_as_its_prior_says():
 
 
 def test_a_trifle_is_told_only_where_sizes_compare():
-    assert prices.trifle(COMMAND_DELAY, [0.01])
-    assert not prices.trifle(COMMAND_DELAY, [0.5])
-    assert not prices.trifle(COULOMB, [1e-9])
+    assert prices.is_tiny(COMMAND_DELAY, [0.01])
+    assert not prices.is_tiny(COMMAND_DELAY, [0.5])
+    assert not prices.is_tiny(COULOMB, [1e-9])
 
 
 def test_a_length_is_no_trifle_but_on_a_joint_that_turns():
     """A quarter of a millimetre is five floors of a slide's encoder (battery 10606: 76)."""
     zero = Coordinate("q", 1e-3, (1.0,), -0.1, 0.1, "rad", strength=True)
     law = hypothesis("sensor_bias", zero)
-    assert prices.trifle(law, [0.26]) and prices.trifle(law, [0.26], {"another"})
-    assert not prices.trifle(law, [0.26], {law.place})
+    assert prices.is_tiny(law, [0.26]) and prices.is_tiny(law, [0.26], {"another"})
+    assert not prices.is_tiny(law, [0.26], {law.place})
     family = replace(law, place="*_joint", joints=("a_joint", "b_joint"))
-    assert not prices.trifle(family, [0.26], {"b_joint"})
+    assert not prices.is_tiny(family, [0.26], {"b_joint"})
 
 
 STRENGTHS = [(name, key) for name, cls in EFFECTS.items() for key in cls.identity.strengths]
@@ -69,13 +69,15 @@ def test_a_trifle_is_far_below_what_any_robot_has(name, key):
     size = replace(offers.coordinate(EFFECTS[name], key), size=1.0, logarithmic=False)
     prior = EFFECTS[name].identity.priors[key]
     law, compares = hypothesis(name, size), size.unit in prices.COMPARABLE
-    assert not prices.trifle(law, [prior.high])
+    assert not prices.is_tiny(law, [prior.high])
     for small in (0.0, 0.01 * (prior.low if prior.low > 0.0 else prior.high)):
-        assert prices.trifle(law, [small]) is compares and prices.trifle(law, [-small]) is compares
+        assert (
+            prices.is_tiny(law, [small]) is compares and prices.is_tiny(law, [-small]) is compares
+        )
 
 
 def test_one_strength_that_matters_is_no_trifle_whatever_the_others_and_the_shapes():
     tilt = [Coordinate(a, 1.0, (1.0,), -1.0, 1.0, "rad", strength=True) for a in ("roll", "pitch")]
     law = hypothesis("imu_tilt", *tilt, SPEED)
-    assert prices.trifle(law, [1e-6, 1e-6, 1.0])
-    assert not prices.trifle(law, [1e-6, 0.2, 1.0]) and not prices.trifle(law, [0.2, 1e-6, 1.0])
+    assert prices.is_tiny(law, [1e-6, 1e-6, 1.0])
+    assert not prices.is_tiny(law, [1e-6, 0.2, 1.0]) and not prices.is_tiny(law, [0.2, 1e-6, 1.0])

@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from loco_learning.gap.probability.weights import CRITERION, NOTHING, Weights, smallest, weigh
+from loco_learning.gap.probability.weights import CRITERION, NO_EFFECT, Weights, smallest, weigh
 from loco_learning.gap.statistics import evidence
 from loco_sim.effects import EFFECTS
 from loco_sim.effects.coordinates import Coordinate
@@ -114,7 +114,7 @@ def test_nothing_may_be_in_the_place_of_an_effect_that_is_not_needed():
     model = next(m for m in found.models if m.names == (LAGS, RUBS) or LAGS in m.names)
     index = [h.effect for h, _ in model.parts].index(LAGS)
     instead = found.alternatives(model, index)
-    assert next(iter(instead)) == NOTHING and sum(instead.values()) == pytest.approx(1.0)
+    assert next(iter(instead)) == NO_EFFECT and sum(instead.values()) == pytest.approx(1.0)
     assert found.supported(CRITERION.confidence).names == (RUBS,)
 
 

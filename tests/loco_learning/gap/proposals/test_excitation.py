@@ -19,7 +19,7 @@ BENCHES = ("servo_pendulum", "pendulum", "linear_axis", "hyq_leg")
 @pytest.mark.parametrize("robot", BENCHES)
 def test_every_motion_of_a_bench_keeps_within_its_limits(robot):
     for experiment in pool.pool(Model(robot)):
-        assert pool.beyond(rollout(experiment)) == "", experiment.name
+        assert pool.limit_violation(rollout(experiment)) == "", experiment.name
 
 
 @pytest.mark.parametrize("robot", (*BENCHES, "tigrillo"))
@@ -64,7 +64,7 @@ def test_a_robot_that_is_too_fast_gets_a_smaller_motion():
     wild = chosen.replace(target=chosen.target.replace(rise=0.15, amplitude=(0.4,)))
     tamed = pool.within_limits(wild)
     assert tamed.target.amplitude[0] < 0.4
-    assert pool.beyond(rollout(tamed)) == ""
+    assert pool.limit_violation(rollout(tamed)) == ""
 
 
 def test_a_motion_that_is_never_possible_says_why():

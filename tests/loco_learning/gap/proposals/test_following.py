@@ -44,7 +44,7 @@ def test_causes_that_close_next_to_nothing_are_not_told_apart():
 
 def test_what_closes_a_gap_and_is_not_excluded_is_told_apart():
     best, near, out = model("payload", 1.0), model("com_offset", 3.0), model("slope", 5.0)
-    both = following.hypotheses(judged(best, [(near, 3.0), (out, 2.0 * following.ENOUGH)]))
+    both = following.hypotheses(judged(best, [(near, 3.0), (out, 2.0 * following.DECISIVE_RATIO)]))
     assert both == [best, near]
 
 
@@ -53,14 +53,14 @@ def test_a_promise_counts_for_what_recordings_kept_of_theirs(odds, least, most):
     """Chirps of 7 s that promised as much gave odds of 2.4: the next ones promise no billion."""
     size = 2.0 if odds < 10.0 else 0.6
     best, rival = model("payload", 0.0), model("com_offset", size)
-    worth = following._worth(judged(best, [(rival, odds)]), [best, rival], 5.0)
+    worth = following._expected_share(judged(best, [(rival, odds)]), [best, rival], 5.0)
     assert least < worth <= most
 
 
 def test_a_promise_that_is_worth_little_is_small_and_keeps_its_order():
     floor, names = np.ones(1), ["payload", "com_offset"]
     said = {"calm": [0.0 * SLOW, 0.3 * SLOW], "lively": [0.0 * SLOW, 2.0 * SLOW]}
-    sure, unsure = (propose.rank(said, names, floor, worth=w) for w in (1.0, 0.02))
+    sure, unsure = (propose.rank(said, names, floor, expected_share=w) for w in (1.0, 0.02))
     assert [p.experiment for p in sure] == [p.experiment for p in unsure] == ["lively", "calm"]
     assert sure[0].odds > 1e6 and unsure[0].odds < 100.0
 
@@ -106,7 +106,7 @@ def test_a_held_torque_is_simulated_in_the_steps_of_the_robot_where_torques_were
     t = 0.003 * np.arange(1000)
     q = np.sin(3.0 * t)[:, None]
     record = Record("swung", t, {"torque": 0.02 * q}, ("pivot",), {"q": q}, ("pivot",))
-    forward = led.Led(Model("pendulum"), [record])
+    forward = led.InverseDynamics(Model("pendulum"), [record])
     there = following.along(cases.prepare(forward, list(forward.records), []), [record])
     held = {"name": "torque_hold", "joint": "pivot", "period": 0.0125}
     (said,) = there.predicted([held], {}, [0], 1.0)

@@ -26,20 +26,20 @@ def robot(overrides):
 def test_the_next_experiment_is_held_as_the_recordings_were(experiments):
     model = Model("tigrillo")
     air, ground = robot({"fixed_base": True, "height": 1.0}), robot({})
-    on_stand = pool.alike(model, experiments, [air])
-    free = pool.alike(model, experiments, [ground])
+    on_stand = pool.usable(model, experiments, [air])
+    free = pool.usable(model, experiments, [ground])
     assert {"chirp_large_air", "steps_air"} <= named(on_stand)
     assert {"bound_fast", "chirp_large_ground"} <= named(free)
     assert not named(on_stand) & named(free)
-    assert named(pool.alike(model, experiments, [air, ground])) == named(experiments)
+    assert named(pool.usable(model, experiments, [air, ground])) == named(experiments)
 
 
 def test_a_robot_that_is_always_bolted_keeps_all_of_its_experiments():
     model = Model("servo_pendulum")
     made = library(model)
-    assert pool.alike(model, made, [model.make_robot()]) == made
+    assert pool.usable(model, made, [model.make_robot()]) == made
 
 
 def test_where_none_is_held_alike_all_are_left(experiments):
     on_stand = [e for e in experiments if e.overrides.get("fixed_base")]
-    assert pool.alike(Model("tigrillo"), on_stand, [robot({})]) == on_stand
+    assert pool.usable(Model("tigrillo"), on_stand, [robot({})]) == on_stand

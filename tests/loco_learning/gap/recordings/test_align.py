@@ -375,8 +375,8 @@ def test_notes_that_can_look_like_a_gap_are_told_from_those_that_cannot(signals,
     (doubt,) = [note for note in made.notes if isinstance(note, Doubt)]
     assert "were put back" in doubt and told(made, "is quantised")
     twin = align.record("twin", signals(q=late, dq=lambda track: None), hinge)
-    assert contents.doubts([made, twin]) == [f"run, twin: {doubt}"]
-    assert contents.doubts([align.record("run", signals(), hinge)]) == []
+    assert contents.reading_warnings([made, twin]) == [f"run, twin: {doubt}"]
+    assert contents.reading_warnings([align.record("run", signals(), hinge)]) == []
 
 
 @pytest.mark.parametrize("step", [0.05, 0.07, 0.085])

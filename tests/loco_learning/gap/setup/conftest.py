@@ -37,7 +37,7 @@ def judged(recorded, tmp_path):
             if change:
                 change(data)
         folder = MACHINES[name].write(tmp_path / "set", records, **robot)
-        return family.look(*read(folder))
+        return family.find_mistakes(*read(folder))
 
     return make
 

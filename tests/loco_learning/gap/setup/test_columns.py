@@ -20,7 +20,7 @@ from loco_learning.gap.setup.finding import (
     unit_of,
 )  # fmt: skip
 from loco_learning.gap.setup.finding import (
-    mended as corrected,
+    correct as corrected,
 )
 
 from .conftest import read
@@ -35,7 +35,7 @@ def found(folder, machine, change=None, **robot):
     for data in records:
         if change:
             change(data)
-    return family.look(*read(machine.write(folder, records, **robot)))
+    return family.find_mistakes(*read(machine.write(folder, records, **robot)))
 
 
 def stepped(data):
@@ -102,10 +102,10 @@ def test_lines_of_all_findings_together_restore_the_signals(
     clean = read(MACHINES[name].write(tmp_path / "clean", records))[1]
     for data in records:
         data |= {column: by * data[column] for column, by in factors.items()}
-    findings = family.look(*read(MACHINES[name].write(tmp_path / "set", records)))
+    findings = family.find_mistakes(*read(MACHINES[name].write(tmp_path / "set", records)))
     assert {(c.key, c.value, c.role, c.joint) for f in findings for c in f.mends} == lines
     model, ours = mended(findings)
-    assert family.look(model, ours) == []
+    assert family.find_mistakes(model, ours) == []
     for right, record in zip(clean, ours, strict=True):
         for key in ("q", "dq"):
             np.testing.assert_allclose(record.signals[key], right.signals[key], atol=1e-4)
@@ -194,7 +194,7 @@ def test_a_mistake_of_a_part_of_a_recording_is_told_with_its_row_and_without_a_l
 ):
     records = recorded(name)
     from_row(380, change)(records[1])
-    (finding,) = family.look(*read(MACHINES[name].write(tmp_path / "set", records)))
+    (finding,) = family.find_mistakes(*read(MACHINES[name].write(tmp_path / "set", records)))
     assert finding.fault == "part" and says in finding.says and not finding.mends
     assert abs(int(finding.says.split("(row ")[1].split(")")[0]) - 380) <= 3
     assert finding.says.startswith("run1")
@@ -216,7 +216,7 @@ def test_a_mistake_of_one_recording_is_told_for_it_alone(
     records = recorded(name)
     records.append(MACHINES[name].record(3))
     change(records[which])
-    (finding,) = family.look(*read(MACHINES[name].write(tmp_path / "set", records)))
+    (finding,) = family.find_mistakes(*read(MACHINES[name].write(tmp_path / "set", records)))
     assert (finding.fault, finding.joints, finding.mends) == (fault, joints, ())
     assert finding.says.startswith(f"run{which} alone: ") and finding.stops
 
@@ -231,7 +231,7 @@ def test_a_command_that_wraps_with_its_joint_gets_the_same_period(
     for data in records:
         for what in ("q", "cmd"):
             data[f"{what}_{joint}"] = (data[f"{what}_{joint}"] + 0.3 * period) % period
-    (finding,) = family.look(*read(MACHINES[name].write(tmp_path / "set", records)))
+    (finding,) = family.find_mistakes(*read(MACHINES[name].write(tmp_path / "set", records)))
     lines = {(c.key, c.role, c.joint): c.value for c in finding.mends}
     assert set(lines) == {("wrap", role, joint) for role in ("q", "command_position")}
     assert all(value == pytest.approx(period, rel=0.03) for value in lines.values())
@@ -245,5 +245,5 @@ def test_commands_that_are_late_by_one_time_are_one_finding(recorded, tmp_path, 
         for joint in MACHINES[name].joints:
             column = data[f"cmd_{joint}"]
             data[f"cmd_{joint}"] = np.concatenate([np.full(rows, column[0]), column[:-rows]])
-    findings = family.look(*read(MACHINES[name].write(tmp_path / "set", records)))
+    findings = family.find_mistakes(*read(MACHINES[name].write(tmp_path / "set", records)))
     assert [(f.fault, set(f.joints)) for f in findings] == [("ahead", set(MACHINES[name].joints))]

@@ -25,7 +25,7 @@ def outcome(judged, mended):
         if not findings[0].mends:
             return "" if findings[0].fault == "ahead" else "no line"
         model, records = mended(findings)
-        again = family.look(model, records)
+        again = family.find_mistakes(model, records)
         if again or Bench(model, records).miss() > 0.1:
             return f"not mended: {'; '.join(map(str, again))}"
         return ""

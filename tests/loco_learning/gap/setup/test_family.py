@@ -77,7 +77,9 @@ def test_gains_that_a_draft_guessed_are_fitted_and_no_mistake(judged, mended, na
     assert finding.fault == "guessed gains" and not finding.stops
     assert finding.joints == MACHINES[name].joints and "guessed in robot.yaml" in finding.says
     model, records = mended([finding])
-    assert family.look(model, records) == [] and Bench(model, records).miss() < LIMITS.missed
+    assert (
+        family.find_mistakes(model, records) == [] and Bench(model, records).miss() < LIMITS.missed
+    )
 
 
 @pytest.mark.parametrize(("name", "tilt"), [("geared", 0.08), ("arm", -0.08)])
@@ -156,7 +158,7 @@ def test_guessed_gains_follow_from_the_measured_torque_with_their_error(judged, 
 def test_a_torque_in_another_power_of_ten_gets_its_unit(judged, mended, factor, unit):
     (finding,) = judged("arm", times("tau_shoulder", factor))
     assert [(c.key, c.value, c.role) for c in finding.mends] == [("unit", unit, "tau")]
-    assert family.look(*mended([finding])) == []
+    assert family.find_mistakes(*mended([finding])) == []
 
 
 DEGREE = 180.0 / np.pi
@@ -234,7 +236,7 @@ def test_a_mistake_is_found_at_its_joint_and_its_lines_mend_it(
     assert findings[0].fault != "gains" or joints == findings[0].joints
     assert findings[0].mends and "say " in str(findings[0])
     model, records = mended(findings)
-    assert family.look(model, records) == []
+    assert family.find_mistakes(model, records) == []
     assert Bench(model, records).miss() < 0.08  # dry friction is left, which the models lack
     if change and MACHINES[name].kp:  # else q and tau turned are the command turned
         machine = MACHINES[name].write(tmp_path / "clean", recorded(name))
@@ -253,7 +255,7 @@ def test_a_command_of_the_other_sign_that_drives_the_model_into_a_stop_is_told(r
     text = urdf.read_text()
     urdf.write_text(text.replace('lower="-0.5" upper="0.5"', 'lower="0.1" upper="0.9"'))
     assert text != urdf.read_text()
-    (finding,) = family.look(*read(tmp_path / "set"))
+    (finding,) = family.find_mistakes(*read(tmp_path / "set"))
     assert finding.fault == "sign" and finding.joints == ("column",)
     assert [(c.role, c.value) for c in finding.mends] == [("command_position", -1)]
 
@@ -275,7 +277,7 @@ def test_an_effort_that_is_a_current_is_told_and_taken_so(judged, mended, factor
     (finding,) = judged("arm", times("tau_elbow", factor))
     assert finding.fault == "effort" and finding.joints == ("elbow",) and not finding.stops
     assert float(finding.mends[0].value) == pytest.approx(1.0 / factor, rel=0.03)
-    assert family.look(*mended([finding])) == []
+    assert family.find_mistakes(*mended([finding])) == []
 
 
 @pytest.fixture

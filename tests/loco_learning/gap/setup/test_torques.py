@@ -141,7 +141,7 @@ def judged(robots, tmp_path):
             (folder / "robot.yaml").write_text(yaml.safe_dump(values))
         mapping = {"files": "*.csv", "time": {"column": "t"}, "columns": columns}
         (folder / "mapping.yaml").write_text(yaml.safe_dump(mapping))
-        return family.look(*read(folder))
+        return family.find_mistakes(*read(folder))
 
     return make
 
@@ -190,7 +190,7 @@ def test_the_angle_of_a_bench_follows_from_the_torques(judged, mended, name, til
     for key in ("pitch", "roll"):
         assert spec[key] == pytest.approx(tilt.get(key, 0.0), abs=0.02)
     if tilt is TILTED:
-        assert family.look(*mended(found)) == []
+        assert family.find_mistakes(*mended(found)) == []
 
 
 def times(factor, *columns):
@@ -239,7 +239,7 @@ def test_names_exchanged_in_all_columns_are_told_by_the_bodies(judged, mended, n
     ]
     assert {(c.joint, c.value) for c in found[0].mends} == {pair, pair[::-1]}
     assert len({c.role for c in found[0].mends}) >= 2 and not found[0].others
-    assert family.look(*mended(found)) == []
+    assert family.find_mistakes(*mended(found)) == []
 
 
 def test_exchanged_names_without_torques_or_of_alike_bodies_are_not_told(judged):
@@ -265,7 +265,7 @@ def test_another_zero_of_an_angle_is_told_by_the_weight(judged, mended, name, jo
     assert [c.value for c in found[0].mends] == pytest.approx(
         [-offset] * len(found[0].mends), abs=0.1
     )
-    assert family.look(*mended(found)) == []
+    assert family.find_mistakes(*mended(found)) == []
 
 
 @pytest.mark.parametrize("kinds", [ALL, PASSED])

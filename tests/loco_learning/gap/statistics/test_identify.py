@@ -115,7 +115,7 @@ def test_weights_follow_flat():
     r = np.random.default_rng(0).normal(size=(100, 2))
     r[:5, 1] = np.nan
     score = evidence.score([r, 3.0 * r])
-    w, x = identify.weights(score), identify.flat(score.residuals)
+    w, x = identify.weights(score), identify.pack(score.residuals)
     assert w.shape == x.shape
     assert (w[np.isnan(x)] == 0.0).all()
     assert (w[np.isfinite(x)] > 0.0).all()

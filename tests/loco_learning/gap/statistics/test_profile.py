@@ -7,7 +7,7 @@ import math
 
 import pytest
 
-from loco_learning.gap.statistics.profile import FURTHER, STEPS, ends
+from loco_learning.gap.statistics.profile import FURTHER, STEPS, interval
 
 PROMISED = 2.0  # cost at the end of a 95 % interval [nat]
 
@@ -19,7 +19,7 @@ def test_where_derivatives_tell_the_truth_the_interval_is_theirs():
         asked.append(x)
         return PROMISED * ((x - 5.0) / 0.4) ** 2
 
-    assert ends(cost, 5.0, 0.4, PROMISED, True) == (4.6, 5.4)
+    assert interval(cost, 5.0, 0.4, PROMISED, True) == (4.6, 5.4)
     assert asked == [4.6, 5.4]  # two simulations
 
 
@@ -29,7 +29,7 @@ def test_a_stop_that_is_harder_than_can_be_seen_has_a_lower_end_alone():
     def cost(x):
         return PROMISED * ((1.0 / max(x, 1e-9) - 0.2) / 0.3) ** 2
 
-    low, high = ends(cost, 5.0, 7.5, PROMISED, True)
+    low, high = interval(cost, 5.0, 7.5, PROMISED, True)
     assert 0.0 < low <= 2.0 and high == math.inf
 
 
@@ -40,7 +40,7 @@ def test_an_interval_is_longer_where_the_cost_stays_flat(width):
     def cost(x):
         return 10.0 * PROMISED * max(abs(x - 10.0) - width, 0.0) ** 2
 
-    low, high = ends(cost, 10.0, 0.2, PROMISED, True)
+    low, high = interval(cost, 10.0, 0.2, PROMISED, True)
     edge = width + math.sqrt(0.1)
     assert 10.0 - FURTHER * edge <= low <= 10.0 - width
     assert 10.0 + width <= high <= 10.0 + FURTHER * edge
@@ -48,7 +48,7 @@ def test_an_interval_is_longer_where_the_cost_stays_flat(width):
 
 @pytest.mark.parametrize("one_sided", [True, False])
 def test_what_the_data_do_not_show_may_be_nothing_or_anything(one_sided):
-    low, high = ends(lambda x: 0.0, 1.0, 3.0, PROMISED, one_sided)
+    low, high = interval(lambda x: 0.0, 1.0, 3.0, PROMISED, one_sided)
     assert low == (0.0 if one_sided else -math.inf) and high == math.inf
 
 
@@ -56,7 +56,7 @@ def test_a_size_of_either_sign_keeps_its_two_sides():
     def cost(x):
         return PROMISED * ((x + 2.0) / 1.5) ** 2
 
-    assert ends(cost, -2.0, 1.5, PROMISED, False) == (-3.5, -0.5)
+    assert interval(cost, -2.0, 1.5, PROMISED, False) == (-3.5, -0.5)
     assert STEPS > 2
 
 
@@ -66,5 +66,5 @@ def test_an_end_costs_at_least_what_derivatives_promise():
     def cost(x):
         return PROMISED * ((x - 1.0) / 0.5) ** 2
 
-    assert ends(cost, 1.0, 1.5, PROMISED, True)[0] == 0.5
-    assert ends(lambda x: 0.99 * cost(x), 1.0, 1.5, PROMISED, True)[0] == 0.25
+    assert interval(cost, 1.0, 1.5, PROMISED, True)[0] == 0.5
+    assert interval(lambda x: 0.99 * cost(x), 1.0, 1.5, PROMISED, True)[0] == 0.25

@@ -12,9 +12,9 @@ from loco_learning.gap.hypotheses.hypotheses import Hypothesis
 from loco_learning.gap.probability.weights import CRITERION, weigh
 from loco_learning.gap.verdict.decide import (
     AMBIGUOUS,
-    MORE,
     NAMED,
     NO_GAP,
+    PARTLY,
     UNKNOWN,
     References,
     decide,
@@ -50,7 +50,7 @@ def said(*models, gap=10.0, **kwargs):
             [(3.0, RUBS), (0.0, RUBS, PLAY), (0.0, RUBS, LAGS)],
             AMBIGUOUS, (RUBS,), ((LAGS, PLAY),),
         ),
-        ([(2.5, RUBS)], MORE, (RUBS,), ()),
+        ([(2.5, RUBS)], PARTLY, (RUBS,), ()),
         ([(7.5, RUBS)], UNKNOWN, (), ()),  # too little of the gap
         ([(10.0, RUBS)], UNKNOWN, (), ()),
         ([], UNKNOWN, (), ()),
@@ -81,8 +81,8 @@ def test_exact_twins_are_told_together(name, twin):
 
 
 def test_an_accuracy_that_was_asked_for_is_enough():
-    assert said((2.5, RUBS)).verdict == MORE
-    assert said((2.5, RUBS), enough=np.array([3.0])).verdict == NAMED
+    assert said((2.5, RUBS)).verdict == PARTLY
+    assert said((2.5, RUBS), levels=np.array([3.0])).verdict == NAMED
 
 
 @pytest.mark.parametrize(
@@ -126,7 +126,7 @@ def test_an_effect_whose_size_may_be_zero_is_not_established():
     models = [fitted(RUBS, rms=3.0), both]
     doubtful = next(h.key for h, _ in both.parts if h.effect == PLAY)
     assert decided(base, models).verdict == NAMED
-    found = decided(base, models, unsure={doubtful})
+    found = decided(base, models, uncertain={doubtful})
     assert (found.verdict, found.names) == (UNKNOWN, ())
     assert [r.verdict for r in found.rulings if r.name == PLAY] == [UNKNOWN]
     assert f"only beside {PLAY}" in found.evidence
@@ -163,7 +163,7 @@ def test_what_leaves_more_is_never_said_to_close_part_of_it():
 def test_a_share_of_the_gap_is_that_of_the_better_of_the_given_model_and_one_that_does_not_move():
     """A model that diverges makes any gap large, of which whatever rests closes most."""
     still = fitted(rms=3.0).whole
-    assert said((2.5, RUBS)).verdict == MORE
+    assert said((2.5, RUBS)).verdict == PARTLY
     assert said((2.5, RUBS), persistence=fitted(rms=50.0).whole) == said((2.5, RUBS))
     found = said((2.5, RUBS), persistence=still)
     assert found.verdict == UNKNOWN and "keep their first value instead, 2." in found.evidence

@@ -7,16 +7,16 @@ import numpy as np
 import pytest
 
 from loco_learning.gap.fitting.screen import Screened
-from loco_learning.gap.hypotheses.families import families
+from loco_learning.gap.hypotheses.families import by_law
 from loco_learning.gap.hypotheses.hypotheses import Hypothesis
 from loco_learning.gap.probability.weights import weigh
 from loco_learning.gap.statistics.leftover import has_gap
 from loco_learning.gap.verdict import judge
 from loco_learning.gap.verdict.decide import (
     AMBIGUOUS,
-    MORE,
     NAMED,
     NO_GAP,
+    PARTLY,
     UNKNOWN,
     References,
     decide,
@@ -46,7 +46,7 @@ def test_a_law_in_several_joints_stays_where_it_is_more_than_nothing(sizes, left
     size = Coordinate("torque", 1.0, (1.0,), 0.0, 10.0, strength=True)
     offered = [Hypothesis("coulomb_friction", j, (("joint", j),), (size,)) for j in joints]
     screened = [Screened(h, 0.2, (1.0,)) for h in offered]
-    ((family, _),) = families(screened, joints)
+    ((family, _),) = by_law(screened, joints)
     beside = Hypothesis("push", "trunk", (), (size,)), (1.0,)
     best = Some(parts=((family, sizes), beside), specs=[], overrides={}, key="best")
     known = {
@@ -60,7 +60,7 @@ def test_a_law_in_several_joints_stays_where_it_is_more_than_nothing(sizes, left
         hypotheses=offered, joints=joints, setting=None,
         each=lambda function, arguments: [Some(parts=parts) for parts, _ in arguments],
     )  # fmt: skip
-    monkeypatch.setattr(judge, "sensitivities", lambda case, model, doubtful: (known, None))
+    monkeypatch.setattr(judge, "sensitivities", lambda case, model, wider: (known, None))
     found = judging._narrowed(best)
     if left is None:
         assert found == []
@@ -135,7 +135,7 @@ def test_all_that_are_weighed_are_fitted_about_the_model_at_hand_and_keep_the_be
     assert judging._anew(models) == models and not asked
     judging.about = [{"name": "armature"}]
     assert [m.energy for m in judging._anew(models)] == [1.0, 3.0]
-    assert asked == [(judge.anew, part, "as set", judging.about) for part in "ab"]
+    assert asked == [(judge.refit_model, part, "as set", judging.about) for part in "ab"]
 
 
 @pytest.mark.parametrize(
@@ -162,9 +162,9 @@ def test_a_size_that_would_rather_be_below_nothing_is_none_though_it_has_no_inte
     joints = ("hip", "knee")
     size = Coordinate("torque", 1.0, (1.0,), low, 10.0, strength=True)
     offered = [Hypothesis("coulomb_friction", j, (("joint", j),), (size,)) for j in joints]
-    ((family, _),) = families([Screened(h, 0.2, (1.0,)) for h in offered], joints)
+    ((family, _),) = by_law([Screened(h, 0.2, (1.0,)) for h in offered], joints)
     wide = Estimate("torque hip", 0.0, -np.inf, np.inf), Estimate("torque knee", 2.0, 1.9, 2.1)
-    assert judge._idle(family, wide) == idle
+    assert judge._negligible_joints(family, wide) == idle
 
 
 @pytest.mark.parametrize(
@@ -177,10 +177,10 @@ def test_a_small_size_whose_interval_nearly_reaches_nothing_may_be_left_out(low,
     joints = ("hip", "knee")
     size = Coordinate("torque", 1.0, (1.0,), -20.0, 20.0, strength=True)
     offered = [Hypothesis("coulomb_friction", j, (("joint", j),), (size,)) for j in joints]
-    ((family, _),) = families([Screened(h, 0.2, (1.0,)) for h in offered], joints)
+    ((family, _),) = by_law([Screened(h, 0.2, (1.0,)) for h in offered], joints)
     middle = 0.5 * (low + high) if np.isfinite(low) else 1.7
     both = Estimate("torque hip", middle, low, high), Estimate("torque knee", 12.0, 11.0, 13.0)
-    assert judge._idle(family, both) == idle
+    assert judge._negligible_joints(family, both) == idle
 
 
 @pytest.fixture
@@ -202,7 +202,7 @@ def judged(monkeypatch):
                 left = [h.key for i, (h, _) in enumerate(model.parts) if i != index]
                 return known.get(" + ".join(sorted(left)), self.found.base)
 
-        def sensitivities(case, model, doubtful):
+        def sensitivities(case, model, wider):
             size = {h.key: (dict(sizes).get(h.effect, surely),) for h, _ in model.parts}
             return size, None
 
@@ -269,14 +269,14 @@ def test_an_effect_whose_size_may_be_zero_goes_if_the_rest_stands(judged):
         (NO_GAP, False, 0.0, "given"),
         (NO_GAP, True, 0.0, "base"),
         (NAMED, False, 9.0, "best"),
-        (MORE, True, 9.0, "best"),
+        (PARTLY, True, 9.0, "best"),
         (AMBIGUOUS, False, 9.0, "best"),
     ],
 )
 def test_the_model_after_the_search_has_what_the_verdict_says(verdict, asked, gap, after):
     given, base, best = fitted(rms=gap), fitted(rms=gap), fitted(DRY)
     weights = weigh([base, best, fitted(WET, rms=1.0)], 0)
-    result = judge.Judged(
+    result = judge.Outcome(
         Some(verdict=verdict), given, base, best, weights, {}, (), None, asked=asked
     )  # fmt: skip
     assert result.after is {"given": given, "base": base, "best": best}[after]
@@ -306,13 +306,13 @@ def test_a_model_is_fitted_to_convergence_once_and_again_if_a_better_start_is_fo
 
 @pytest.mark.parametrize(
     ("explains", "crowd", "verdict"),
-    [(True, "", NAMED), (True, "3 of 4", MORE), (False, "", MORE), (False, "3 of 4", UNKNOWN)],
+    [(True, "", NAMED), (True, "3 of 4", PARTLY), (False, "", PARTLY), (False, "3 of 4", UNKNOWN)],
 )
 def test_values_on_their_bounds_lower_a_verdict_by_one_step(monkeypatch, explains, crowd, verdict):
     base, best = fitted(rms=9.0), fitted(DRY, rms=0.0 if explains else 2.5)
     decision = decide(weigh([base, best], 0), best, References(base, base))
     surely = {best.parts[0][0].key: (Estimate("torque", 1.0, 0.9, 1.1, most=1.0),)}
-    result = judge.Judged(decision, base, base, best, weigh([base, best], 0), surely, (), None)
+    result = judge.Outcome(decision, base, base, best, weigh([base, best], 0), surely, (), None)
     monkeypatch.setattr(judge.Judgement, "result", lambda self: result)
     monkeypatch.setattr(judge.traded, "crowded", lambda case, model: crowd)
     monkeypatch.setattr(judge.stable, "rows", lambda *args: ["row"])
@@ -344,7 +344,7 @@ def test_values_of_the_robot_are_the_answer_if_they_alone_explain_a_gap(
     weights = weigh([base, fitted(DRY)], 0)
     decision = decide(weights, model, References(given, base))
     sizes = {h.key: (Estimate("torque", 1.0, 0.9, 1.1),) for h, _ in model.parts}
-    result = judge.Judged(decision, given, base, model, weights, sizes, (), None)
+    result = judge.Outcome(decision, given, base, model, weights, sizes, (), None)
     monkeypatch.setattr(judge.Judgement, "result", lambda self: result)
     monkeypatch.setattr(judge.traded, "little_off", lambda *args: ["kp (1 to 2)"] * refitted)
     monkeypatch.setattr(judge.stable, "rows", lambda *args: [])
@@ -358,7 +358,7 @@ def test_values_of_the_robot_are_the_answer_if_they_alone_explain_a_gap(
 
 def test_sensitivities_of_a_model_are_computed_once_and_anew_for_another_fit(monkeypatch):
     asked = []
-    monkeypatch.setattr(judge, "sensitivities", lambda case, model, doubtful: asked.append(model))
+    monkeypatch.setattr(judge, "sensitivities", lambda case, model, wider: asked.append(model))
     judging = judgement(case=Some(corrected=lambda specs, overrides: None))
     first, again = fitted(DRY, rms=2.0), fitted(DRY, rms=1.0)
     for model in (first, first, again, again):

@@ -40,7 +40,7 @@ def test_a_few_names_and_a_few_places_are_weighed_the_best_of_each():
     names = [hypothesis(n, TORQUE, place=p) for n in "abcdefg" for p in ("knee", "hip")]
     places = [hypothesis("mine", TORQUE, place=p) for p in ("hip", "ankle", "hip", "toe")]
     models = [model(law) for law in (*places, *names)]
-    kept = rivals.few(models, hypothesis("mine", TORQUE), [beside.key])
+    kept = rivals.select(models, hypothesis("mine", TORQUE), [beside.key])
     laws = [m.parts[1][0] for m in kept]
     assert laws == [*places[:2], *names[: 2 * rivals.RIVAL_NAMES : 2]]
     assert len(places[:2]) == rivals.RIVAL_PLACES

@@ -47,7 +47,7 @@ def test_a_payload_and_the_torque_show_as_a_ratio_only(heavier):
     model = weigh(heavier, [(PAYLOAD, (1.0,)), (LOAD, (0.1,))], {})
     (row,) = scale.ambiguous(heavier, model)  # a share of the torque has no unit of force
     assert 0.95 < row["torque"] <= row["torque_and_masses"] + 1e-9
-    (text,) = scale.words(heavier, model)
+    (text,) = scale.scale_messages(heavier, model)
     assert "payload mass pendulum" in text and "only their ratio shows" in text
 
 

@@ -93,7 +93,7 @@ def test_profiles_of_straight_lines_are_the_intervals_of_derivatives(weak, monke
     one = replace(model(), parts=((either, (0.01,)),), overrides={})
     case = Straight(0.0, 0.0, 0.0, dry=weak * np.sin(TIME))
     derived, profiled = (
-        sensitivity.sensitivities(case, one, doubtful=doubtful)[0][either.key][0]
+        sensitivity.sensitivities(case, one, wider=doubtful)[0][either.key][0]
         for doubtful in (False, True)
     )
     assert (profiled.low, profiled.high) == pytest.approx((derived.low, derived.high))

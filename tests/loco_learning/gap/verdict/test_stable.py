@@ -158,7 +158,7 @@ def refitted(monkeypatch):
         monkeypatch.setattr(stable, "weigh", weigh)
         case = Records(fit_rows=[np.ones(4, bool), np.zeros(3, bool)], held_rows=[])
         setting = Setting(GapParams(), {}, {}, 1.0, ())
-        (residuals,) = stable.again(case, model, [judging], setting)
+        (residuals,) = stable.cross_validate(case, model, [judging], setting)
         return residuals, said
 
     return run

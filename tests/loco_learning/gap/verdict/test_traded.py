@@ -9,7 +9,7 @@ import pytest
 
 from loco_learning.gap.fitting.fit import Fitted
 from loco_learning.gap.hypotheses.hypotheses import Hypothesis
-from loco_learning.gap.prediction.loose import MOST, Columns, Loose
+from loco_learning.gap.prediction.loose import RANGE, Columns, Loose
 from loco_learning.gap.statistics import evidence
 from loco_learning.gap.statistics.leftover import LIMITS
 from loco_learning.gap.verdict import traded
@@ -32,8 +32,10 @@ VALUES = {SPEED: 10.0}
 
 def test_a_value_is_strained_beyond_its_prior_on_either_side_and_told_with_its_ratio():
     for speed, told in ((10.0, False), (10.5, False), (FAR, True), (100.0 / FAR, True)):
-        assert bool(traded.strained(model("viscous_friction", speed), VALUES, 0.3)) is told
-    (alarm,) = traded.strained(model("viscous_friction", 25.0), VALUES, 0.3)
+        assert (
+            bool(traded.implausible_values(model("viscous_friction", speed), VALUES, 0.3)) is told
+        )
+    (alarm,) = traded.implausible_values(model("viscous_friction", 25.0), VALUES, 0.3)
     assert alarm == (
         f"{SPEED} goes to 25, 2.5 times what the robot says: more than 2 deviations of its prior"
     )
@@ -64,13 +66,13 @@ def loose(**deviations: float) -> tuple[SimpleNamespace, Fitted]:
 
 def test_a_value_that_went_further_than_believable_is_told_with_both_ends():
     case, off = loose(kp=-2.1, mass=2.1, inertia=1.9)
-    assert traded.strayed(case, off) == (
+    assert traded.deviating_motion(case, off) == (
         "kp goes from 100 to 95.8: more than 2 deviations of what is known of it",
         "mass goes from 1 to 1.04: more than 2 deviations of what is known of it",
     )
-    assert traded.strayed(*loose()) == ()
+    assert traded.deviating_motion(*loose()) == ()
     # A value that nobody refitted stayed as it was.
-    assert traded.strayed(case, replace(off, loose={})) == ()
+    assert traded.deviating_motion(case, replace(off, loose={})) == ()
 
 
 def test_what_is_a_little_off_is_told_the_furthest_first():
@@ -80,18 +82,18 @@ def test_what_is_a_little_off_is_told_the_furthest_first():
     assert [one.split()[0] for one in told] == ["mass", "inertia", "kd", "2"]
     assert told[-1] == "2 more"
     three = traded.little_off(*loose(kp=1.0, mass=-2.0, inertia=1.5))
-    assert len(three) == traded.TOLD and "more" not in three[-1]
+    assert len(three) == traded.LISTED and "more" not in three[-1]
 
 
 def test_where_nothing_is_far_the_furthest_is_told_unless_a_free_value_changed():
-    case, near = loose(kd=0.6 * traded.NEAR, kp=0.3 * traded.NEAR)
+    case, near = loose(kd=0.6 * traded.SHIFT, kp=0.3 * traded.SHIFT)
     assert [one.split()[0] for one in traded.little_off(case, near)] == ["kd"]
     assert traded.little_off(case, replace(near, overrides={SPEED: 11.0})) == []
     assert traded.little_off(SimpleNamespace(loose=None), near) == []
-    assert traded.strayed(SimpleNamespace(loose=None), near) == ()
+    assert traded.deviating_motion(SimpleNamespace(loose=None), near) == ()
 
 
-def near(columns, count, most=MOST):
+def near(columns, count, most=RANGE):
     """Values a0, a1 ... with nominal 1 and deviation 0.02, and what they do, (T, 1, V)."""
     names, one = tuple(f"bodies.a{k}.inertia" for k in range(count)), np.ones(count)
     legal = np.array([[1e-3, 1e3]] * count)
@@ -121,21 +123,21 @@ def names(count, first=0):
 )
 def test_many_values_on_their_bounds_are_one_line(on, of, told):
     """Fourteen of thirty-six: what the model lacks is imitated by its links."""
-    sides = [MOST * (-1.0) ** k for k in range(on)]
+    sides = [RANGE * (-1.0) ** k for k in range(on)]
     case, one = refitted([*sides, *(0.3 for _ in range(of - on))])
     text = traded.crowded(case, one)
     assert text.startswith(f"{on} of {of} values on their bound") == told == bool(text)
-    found = traded.strayed(case, one)
+    found = traded.deviating_motion(case, one)
     assert len(found) == (1 if told else on)
 
 
 @pytest.mark.parametrize("of", [9, 11, 30, 40])
 def test_as_many_on_their_bounds_as_chance_makes_once_in_a_hundred_robots_are_told(of):
     values = np.abs(np.random.default_rng(of).normal(size=(100_000, of)))
-    count = (values > MOST).sum(1)
+    count = (values > RANGE).sum(1)
     first = next(on for on in range(1, of) if np.mean(count >= on) < LIMITS.rare)
     for on in (first - 1, first):
-        case, one = refitted([MOST] * on + [0.3] * (of - on))
+        case, one = refitted([RANGE] * on + [0.3] * (of - on))
         assert bool(traded.crowded(case, one)) is (on == first)
 
 
@@ -144,7 +146,7 @@ def test_a_value_on_its_bound_or_within_chance_stays_as_it_was():
     rng = np.random.default_rng(4)
     columns = 5.0 * rng.standard_normal((50, 1, 3))
     columns[..., 2] *= 1e-3  # nothing shows it
-    case, one = refitted([MOST, -1.5, 1.0], columns)
+    case, one = refitted([RANGE, -1.5, 1.0], columns)
     assert set(traded.put_right(case, one)) == {"bodies.a1.inertia"}
     assert traded.put_right(case, one)["bodies.a1.inertia"] == pytest.approx(0.97)
 

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from loco_learning.gap.verdict.decide import MORE, NAMED
+from loco_learning.gap.verdict.decide import NAMED, PARTLY
 from loco_sim.effects import EFFECTS
 
 from .drawn import fleet
@@ -24,7 +24,7 @@ TWINS = tuple({name, *cls.identity.twins} for name, cls in EFFECTS.items() if cl
 LEVEL = {"com_offset", "constant_force", "slope"}  # of one joint that turns
 STRAIGHT = {"constant_force", "slope", "torque_bias"}  # of one that slides
 LATE = frozenset({"command_delay", "sensor_latency"})  # effects of late stamps
-SURE = (NAMED, MORE)  # verdicts with a name, complete or not
+SURE = (NAMED, PARTLY)  # verdicts with a name, complete or not
 UNNAMED = ("ambiguous", "unknown", "no gap", "error")
 OFF, EXACT = "model a little off", "model exact"
 BASELINES = {
@@ -80,7 +80,7 @@ def row(truth: Mapping[str, Any], result: Mapping[str, Any]) -> dict[str, Any]:
     cells["top2"] = cells["right"] or bool(true) and (hedged or set(true) <= set(options[:2]))
     cells["with_others"] = verdict in SURE and bool(true) and set(true) < set(names)
     cells["false"] = cells["named"] and kind in ("null", "outsider")
-    cells["more"] = verdict == MORE
+    cells["more"] = verdict == PARTLY
     cells["abstained"] = verdict in ("ambiguous", "unknown")
     cells["place"], cells["sizes"] = _found(truth, result)
     cells["closed"], cells["before"], cells["after"] = _gap(result)

@@ -130,7 +130,7 @@ class _Task:
 
     def _control(self, i: int) -> Any:
         """Commands at each physics step, held or linearly interpolated between samples."""
-        inputs = running.orders(self.case.records[i], self.made.robot)
+        inputs = running.sequence(self.case.records[i], self.made.robot)
         table = replay.commands(self.made, inputs)
         rows = np.arange(len(table) * self.steps)
         share = (rows % self.steps / self.steps)[:, None] * float(any(inputs.ramps))
@@ -142,7 +142,7 @@ class _Task:
     def _start(self, i: int) -> np.ndarray:
         """Initial state of a record."""
         robot = self.made.robot
-        q, dq = replay.begins(self.case.records[i], robot, self.case.forward, i)
+        q, dq = replay.initial_state(self.case.records[i], robot, self.case.forward, i)
         data = mujoco.MjData(self.model)
         for name, angle, speed in zip(robot.joints, q, dq, strict=True):
             joint = self.model.joint(name)

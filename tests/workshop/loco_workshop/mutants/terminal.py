@@ -31,7 +31,7 @@ def show_mutants(a: argparse.Namespace) -> int:
     if not selected:
         raise NameUnknownError("protecting module", a.only, list(PROTECTING))
     check_writable(a.out)
-    journal = Journal(a.out / "mutants.jsonl", {"kind": "mutants", "format": 1}, anew=True)
+    journal = Journal(a.out / "mutants.jsonl", {"kind": "mutants", "format": 1}, new=True)
     try:
         verdicts = survey(root(), selected, a.limit, a.seed, a.workers, journal, _tell,
                           a.survivors, a.by_hand)  # fmt: skip

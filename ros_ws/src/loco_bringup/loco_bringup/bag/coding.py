@@ -14,7 +14,7 @@ import zstandard
 from loco_control.exceptions import BagError, MissingPackageError
 
 PACKINGS = (".zstd", ".zst", ".lz4")
-MOST = 1 << 32  # largest decompressed file [bytes]
+MAX_SIZE = 1 << 32  # largest decompressed file [bytes]
 _PART = 1 << 14  # compressed bytes read at a time; a few hundred can decompress to many
 _ZSTD, _LZ4 = b"\x28\xb5\x2f\xfd", b"\x04\x22\x4d\x18"  # first bytes of frames; CDR has others
 ROS1 = "ros1"  # message encoding of an MCAP channel
@@ -43,23 +43,23 @@ def without_twins(folder: Path, suffix: str) -> list[Path]:
     return [every[n] for n in sorted(names) if plain_name(n) == n or plain_name(n) not in every]
 
 
-def unpacked(path: Path, most: int = MOST) -> bytes:
+def unpacked(path: Path, max_size: int = MAX_SIZE) -> bytes:
     """Decompressed content of a file.
 
     Args:
         path: File whose extension is one of `PACKINGS`.
-        most: Largest decompressed size [bytes].
+        max_size: Largest decompressed size [bytes].
 
     Raises:
-        BagError: The file is damaged, or its content exceeds `most` bytes.
+        BagError: The file is damaged, or its content exceeds `max_size` bytes.
     """
     hand = f"unpack it with `{'lz4' if path.suffix == '.lz4' else 'zstd'} -d {path.name}`"
     parts, size = [], 0
     try:
         for part in _lz4_parts(path) if path.suffix == ".lz4" else _zstd_parts(path):
             size += len(part)
-            if size > most:
-                raise BagError(f"{path} is packed and has more than {most} bytes; {hand}")
+            if size > max_size:
+                raise BagError(f"{path} is packed and has more than {max_size} bytes; {hand}")
             parts.append(part)
     except (RuntimeError, EOFError, zstandard.ZstdError) as error:
         raise BagError(f"{path} is packed and cut short, or damaged: {error}") from None
@@ -86,7 +86,7 @@ def _zstd_parts(path: Path) -> Iterator[bytes]:
 
 
 def decoded(
-    data: list[bytes], decode: Callable[[bytes], bytes] | None, what: str, most: int = 1 << 30
+    data: list[bytes], decode: Callable[[bytes], bytes] | None, what: str, max_size: int = 1 << 30
 ) -> list[bytes]:
     """Messages of a topic as CDR.
 
@@ -94,10 +94,10 @@ def decoded(
         data: Messages as stored in the file.
         decode: Function that converts one message to CDR; None if they are CDR already.
         what: Name of the file for error messages.
-        most: Largest total size of the decoded messages [bytes].
+        max_size: Largest total size of the decoded messages [bytes].
 
     Raises:
-        BagError: A message is damaged, or the total size exceeds `most`.
+        BagError: A message is damaged, or the total size exceeds `max_size`.
     """
     if decode is None:
         return data
@@ -105,8 +105,8 @@ def decoded(
     for message in data:
         outputs.append(decode(message))
         size += len(outputs[-1])
-        if size > most:
-            raise BagError(f"{what}: messages of one topic unpack to more than {most} bytes")
+        if size > max_size:
+            raise BagError(f"{what}: messages of one topic unpack to more than {max_size} bytes")
     return outputs
 
 

@@ -16,7 +16,7 @@ from numba import njit
 from loco_control.exceptions import BagError
 from loco_control.packed import check_room
 
-from .mcap_scan import Piece
+from .mcap_scan import Span
 
 _HEAD = struct.Struct("<QQQI")  # start and end time [ns], unpacked size, CRC
 MESSAGE = np.dtype([("channel", "<u2"), ("sequence", "<u4"), ("time", "<i8"), ("publish", "<i8")])
@@ -34,33 +34,33 @@ class ChunkHead(NamedTuple):
     stop: int
 
 
-def chunk_head(data: bytes, piece: Piece) -> ChunkHead:
-    """Header of a chunk; `piece` may be truncated after the header."""
-    first, last, size, crc = _HEAD.unpack_from(data, piece.start)
-    at = piece.start + _HEAD.size
+def chunk_head(data: bytes, span: Span) -> ChunkHead:
+    """Header of a chunk; `span` may be truncated after the header."""
+    first, last, size, crc = _HEAD.unpack_from(data, span.start)
+    at = span.start + _HEAD.size
     length = int.from_bytes(data[at : at + 4], "little")
     name = bytes(data[at + 4 : at + 4 + length]).decode("ascii", "replace")
-    return ChunkHead(first, last, size, crc, name, at + 12 + length, piece.stop)
+    return ChunkHead(first, last, size, crc, name, at + 12 + length, span.stop)
 
 
-def unpack(data: bytes, piece: Piece) -> bytes:
+def unpack(data: bytes, span: Span) -> bytes:
     """Decompressed records of a chunk.
 
     Raises:
         BagError: The chunk is damaged, or its compression is not supported.
     """
-    head = chunk_head(data, piece)
+    head = chunk_head(data, span)
     packed = data[head.start : head.stop]
     try:
         records = _unpacked(head, packed)
     except BagError:
         raise
     except Exception as error:  # each compression library has its own exceptions
-        raise BagError(f"chunk at byte {piece.start} is damaged: {error}") from None
+        raise BagError(f"chunk at byte {span.start} is damaged: {error}") from None
     if len(records) != head.size:
-        raise BagError(f"chunk at byte {piece.start} is damaged: its length is wrong")
+        raise BagError(f"chunk at byte {span.start} is damaged: its length is wrong")
     if head.crc and zlib.crc32(records) != head.crc:
-        raise BagError(f"chunk at byte {piece.start} is damaged: its check sum is wrong")
+        raise BagError(f"chunk at byte {span.start} is damaged: its check sum is wrong")
     return records
 
 
@@ -105,9 +105,9 @@ class Records:
         self._others = other_records
         self.starts, self.stops, self.channels, self.times = np.ascontiguousarray(messages.T)
 
-    def pieces(self, opcode: int) -> list[Piece]:
+    def pieces(self, opcode: int) -> list[Span]:
         """Records with this opcode."""
-        return [Piece(*row) for row in self._others.tolist() if row[0] == opcode]
+        return [Span(*row) for row in self._others.tolist() if row[0] == opcode]
 
     @cached_property
     def heads(self) -> np.ndarray:

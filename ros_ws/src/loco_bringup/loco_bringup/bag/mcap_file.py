@@ -19,7 +19,7 @@ from loco_control.exceptions import BagError
 
 from .coding import is_packed, unpacked
 from .mcap_chunk import Records, unpack
-from .mcap_scan import DAMAGE, HEAD, MAGIC, Piece, parsed, walk
+from .mcap_scan import DAMAGE, HEAD, MAGIC, Span, parsed, walk
 
 _FOREVER = 1 << 63  # [ns], later than any ROS time
 
@@ -52,15 +52,15 @@ class Mcap:
             self.data = mmap.mmap(stream.fileno(), 0, access=mmap.ACCESS_READ) if full else b""
 
     @cached_property
-    def pieces(self) -> list[Piece]:
+    def pieces(self) -> list[Span]:
         """Records of the file in file order, and the damaged parts between them."""
         return list(walk(self.data)) if len(self.data) > len(MAGIC) else []
 
-    def kind(self, opcode: int) -> list[Piece]:
+    def kind(self, opcode: int) -> list[Span]:
         """Records with this opcode."""
         return [p for p in self.pieces if p.opcode == opcode]
 
-    def records(self, chunk: Piece) -> Records:
+    def records(self, chunk: Span) -> Records:
         """Messages of one chunk.
 
         Raises:
@@ -100,9 +100,9 @@ class McapFile(Mcap):
         except BagError as error:
             raise self._error(str(error)) from None
 
-    def _error(self, why: str) -> BagError:
+    def _error(self, reason: str) -> BagError:
         return BagError(
-            f"{self.path} is not a readable MCAP file: {why}; "
+            f"{self.path} is not a readable MCAP file: {reason}; "
             f"`loco recover {self._bag}` restores what is whole"
         )
 
@@ -154,7 +154,7 @@ class McapFile(Mcap):
         return {}
 
     @property
-    def chunks(self) -> list[Piece]:
+    def chunks(self) -> list[Span]:
         """Places of the chunks."""
         return self.kind(Opcode.CHUNK)
 
@@ -199,13 +199,13 @@ class McapFile(Mcap):
         return records
 
 
-def attachment_whole(data: bytes, piece: Piece) -> bool:
+def attachment_whole(data: bytes, span: Span) -> bool:
     """Whether the checksum of an attachment is correct or absent."""
-    check = int.from_bytes(data[piece.stop - 4 : piece.stop], "little")
-    return check in (0, zlib.crc32(data[piece.start : piece.stop - 4]))
+    check = int.from_bytes(data[span.stop - 4 : span.stop], "little")
+    return check in (0, zlib.crc32(data[span.start : span.stop - 4]))
 
 
-def summary_whole(data: bytes, footer: Piece) -> bool:
+def summary_whole(data: bytes, footer: Span) -> bool:
     """Whether the checksum of summary and footer is correct or absent."""
     record = parsed(data, footer, Footer)
     start = record.summary_start or footer.start - HEAD.size

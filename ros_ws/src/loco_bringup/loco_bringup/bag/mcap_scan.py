@@ -21,7 +21,7 @@ from loco_control.exceptions import BagError
 
 MAGIC = b"\x89MCAP0\r\n"
 HEAD = struct.Struct("<BQ")  # opcode and length: header of every record
-DAMAGE = 0  # opcode of a `Piece` that is not a valid record
+DAMAGE = 0  # opcode of a `Span` that is not a valid record
 
 # Layout of records: fixed bytes (a number), text or block with its length in 4 bytes
 # ("s"), and block with its length in 8 bytes ("b").
@@ -49,7 +49,7 @@ _CANDIDATE = re.compile(rb"(?=[\x01-\x0f][\s\S]{4}\x00{4})")
 R = TypeVar("R", bound=McapRecord)
 
 
-class Piece(NamedTuple):
+class Span(NamedTuple):
     """A record in a file: its opcode and the bytes [start, stop) after its header.
 
     With the opcode `DAMAGE` it is a range of bytes that is not a complete record.
@@ -60,7 +60,7 @@ class Piece(NamedTuple):
     stop: int
 
 
-def walk(data: bytes, start: int = len(MAGIC)) -> Iterator[Piece]:
+def walk(data: bytes, start: int = len(MAGIC)) -> Iterator[Span]:
     """Pieces of a file, contiguous from `start` to the closing magic or the last byte."""
     at, end = start, len(data)
     if bytes(data[end - len(MAGIC) : end]) == MAGIC and end >= start + len(MAGIC):
@@ -68,12 +68,12 @@ def walk(data: bytes, start: int = len(MAGIC)) -> Iterator[Piece]:
     while at < end:
         span = piece_at(data, at, end)
         if span is None:
-            span = Piece(DAMAGE, at, _next(data, at + 1, end))
+            span = Span(DAMAGE, at, _next(data, at + 1, end))
         yield span
         at = span.stop
 
 
-def piece_at(data: bytes, at: int, end: int) -> Piece | None:
+def piece_at(data: bytes, at: int, end: int) -> Span | None:
     """The complete record that begins at `at`; None if there is none."""
     if end - at < HEAD.size:
         return None
@@ -82,15 +82,15 @@ def piece_at(data: bytes, at: int, end: int) -> Piece | None:
     if stop > end:
         return None
     if opcode == Opcode.MESSAGE:
-        return Piece(opcode, start, stop) if length >= _MESSAGE_HEAD else None
+        return Span(opcode, start, stop) if length >= _MESSAGE_HEAD else None
     if opcode >= PRIVATE:
         following = data[stop] if stop < end else Opcode.DATA_END
         valid = following in _SHAPES or following == Opcode.MESSAGE or following >= PRIVATE
-        return Piece(opcode, start, stop) if valid else None
+        return Span(opcode, start, stop) if valid else None
     shape = _SHAPES.get(opcode)
     if shape is None or not _adds_up(data, shape, start, stop):
         return None
-    return Piece(opcode, start, stop)
+    return Span(opcode, start, stop)
 
 
 def _adds_up(data: bytes, shape: tuple, at: int, stop: int) -> bool:
@@ -117,13 +117,13 @@ def _next(data: bytes, at: int, end: int) -> int:
     return end
 
 
-def parsed(data: bytes, piece: Piece, kind: type[R]) -> R:
+def parsed(data: bytes, span: Span, kind: type[R]) -> R:
     """A record as an object of the mcap library.
 
     Raises:
         BagError: The bytes are not a valid record of this kind.
     """
     try:
-        return kind.read(ReadDataStream(BytesIO(data[piece.start : piece.stop])))
+        return kind.read(ReadDataStream(BytesIO(data[span.start : span.stop])))
     except Exception as error:  # with damaged bytes the library raises exceptions of many types
-        raise BagError(f"{kind.__name__} at byte {piece.start} is damaged: {error}") from None
+        raise BagError(f"{kind.__name__} at byte {span.start} is damaged: {error}") from None

@@ -234,12 +234,12 @@ class McapWriter:
         groups = [self._schemas, self._channels, [numbers], chunks, files, metadata]
         return bytes(out) + _summary([g for g in groups if g], start) + MAGIC
 
-    def _statistics(self, files: int, texts: int) -> mcap.Statistics:
+    def _statistics(self, files: int, metadata: int) -> mcap.Statistics:
         first, last = self.span
         return mcap.Statistics(
             attachment_count=files, channel_count=len(self._channels),
             channel_message_counts=self.counts(), chunk_count=len(self._chunks),
-            message_count=self.messages, metadata_count=texts,
+            message_count=self.messages, metadata_count=metadata,
             message_start_time=first, message_end_time=last, schema_count=len(self._schemas),
         )  # fmt: skip
 

@@ -20,7 +20,7 @@ from .parts import Information, information, mcap_paths, missing, numbered
 from .salvage import Salvager
 from .writer import LIBRARY, BagWriter
 
-_BESIDE = ("experiment.yaml", "params.yaml", "weights.npz")  # files of a run beside its bag
+_RUN_FILES = ("experiment.yaml", "params.yaml", "weights.npz")  # files of a run beside its bag
 
 
 @dataclass
@@ -104,10 +104,10 @@ class _Copy:
     """Writer of the new bag, with counts of recovered and lost messages."""
 
     def __init__(
-        self, salvagers: list[Salvager], files: list[Path], target: Path, lacks: list[str]
+        self, salvagers: list[Salvager], files: list[Path], target: Path, missing: list[str]
     ):
         self._salvagers, self._files, self._target = salvagers, files, target
-        self._lacks = lacks  # missing files of the bag
+        self._lacks = missing  # missing files of the bag
         self._folder = files[0].parent
         self._lost = [item for salvager in salvagers for item in salvager.found.lost]
         self._spans: list[tuple[int, int]] = []  # times of each chunk [ns]
@@ -141,7 +141,7 @@ class _Copy:
             for file in salvage.attachments:
                 writer.attach(file.name, file.data, file.media_type)
                 inside.add(file.name)
-        for path in (self._folder / name for name in _BESIDE):
+        for path in (self._folder / name for name in _RUN_FILES):
             if path.is_file() and path.name not in inside:
                 writer.attach(path.name, path.read_bytes(), "application/octet-stream")
         writer.custom["recovered_from"] = (

@@ -15,7 +15,7 @@ from loco_control.exceptions import BagError
 
 from .mcap_chunk import chunk_head
 from .mcap_file import Mcap, attachment_whole, summary_whole
-from .mcap_scan import DAMAGE, HEAD, PRIVATE, Piece, parsed
+from .mcap_scan import DAMAGE, HEAD, PRIVATE, Span, parsed
 
 _CHUNK_HEAD = HEAD.size + 28  # bytes of a truncated chunk that contain its times
 
@@ -42,8 +42,8 @@ class Salvage:
     """Undamaged parts of a file, in file order."""
 
     size: int
-    blocks: list[Piece] = field(default_factory=list)  # undamaged chunks
-    loose: list[Piece] = field(default_factory=list)  # messages outside chunks
+    blocks: list[Span] = field(default_factory=list)  # undamaged chunks
+    loose: list[Span] = field(default_factory=list)  # messages outside chunks
     channels: dict[int, Channel] = field(default_factory=dict)
     schemas: dict[int, Schema] = field(default_factory=dict)
     attachments: list[Attachment] = field(default_factory=list)
@@ -88,76 +88,76 @@ class Salvager(Mcap):
             elif span.opcode == Opcode.MESSAGE_INDEX:
                 self._counts[self._last_chunk] += (span.stop - span.start - 6) // 16
 
-    def _take(self, piece: Piece) -> None:
-        if piece.opcode == DAMAGE:
-            self.found.lost.append(self._damaged(piece))
-        elif piece.opcode == Opcode.CHUNK:
-            self._take_chunk(piece)
-        elif piece.opcode >= PRIVATE:
-            if count := self._counts.get(piece.start):  # indices follow, so it was a chunk
-                lost = Lost(piece.start, piece.stop, "no whole record", messages=count)
+    def _take(self, span: Span) -> None:
+        if span.opcode == DAMAGE:
+            self.found.lost.append(self._damaged(span))
+        elif span.opcode == Opcode.CHUNK:
+            self._take_chunk(span)
+        elif span.opcode >= PRIVATE:
+            if count := self._counts.get(span.start):  # indices follow, so it was a chunk
+                lost = Lost(span.start, span.stop, "no whole record", messages=count)
                 self.found.lost.append(lost)
-        elif piece.opcode == Opcode.MESSAGE:
-            self.found.loose.append(piece)
+        elif span.opcode == Opcode.MESSAGE:
+            self.found.loose.append(span)
         else:
             try:
-                self._take_record(piece)
+                self._take_record(span)
             except BagError as error:
-                self.found.lost.append(Lost(piece.start, piece.stop, str(error), content=False))
+                self.found.lost.append(Lost(span.start, span.stop, str(error), content=False))
 
-    def _take_chunk(self, piece: Piece) -> None:
+    def _take_chunk(self, span: Span) -> None:
         try:
-            records = self.records(piece)
+            records = self.records(span)
             for kind, definitions in ((Channel, self.found.channels), (Schema, self.found.schemas)):
                 for inner in records.pieces(_OPCODE[kind]):
                     record = parsed(records.data, inner, kind)
                     definitions.setdefault(record.id, record)
         except BagError as error:
-            head, count = chunk_head(self.data, piece), self._counts.get(piece.start)
-            times = _believed(head.first, head.last)
+            head, count = chunk_head(self.data, span), self._counts.get(span.start)
+            times = _plausible_times(head.first, head.last)
             reason = str(error).partition("is damaged: ")[2] or str(error)
-            self.found.lost.append(Lost(piece.start, piece.stop, reason, times, count))
+            self.found.lost.append(Lost(span.start, span.stop, reason, times, count))
         else:
-            self.found.blocks.append(piece)
+            self.found.blocks.append(span)
             if late := int((records.times < 0).sum()):
                 reason = "messages with a stamp of 2^63 ns or more"
-                self.found.lost.append(Lost(piece.start, piece.stop, reason, messages=late))
+                self.found.lost.append(Lost(span.start, span.stop, reason, messages=late))
 
-    def _take_record(self, piece: Piece) -> None:
+    def _take_record(self, span: Span) -> None:
         for kind, opcode in _OPCODE.items():
-            if piece.opcode == opcode:
-                record = parsed(self.data, piece, kind)
+            if span.opcode == opcode:
+                record = parsed(self.data, span, kind)
                 self._seen[kind][record.id] = record
-        if piece.opcode == Opcode.STATISTICS:
-            self.found.statistics = parsed(self.data, piece, Statistics)
-        elif piece.opcode == Opcode.METADATA:
-            record = parsed(self.data, piece, Metadata)
+        if span.opcode == Opcode.STATISTICS:
+            self.found.statistics = parsed(self.data, span, Statistics)
+        elif span.opcode == Opcode.METADATA:
+            record = parsed(self.data, span, Metadata)
             self.found.metadata[record.name] = record.metadata
-        elif piece.opcode == Opcode.ATTACHMENT:
-            record = parsed(self.data, piece, Attachment)
-            if not attachment_whole(self.data, piece):
+        elif span.opcode == Opcode.ATTACHMENT:
+            record = parsed(self.data, span, Attachment)
+            if not attachment_whole(self.data, span):
                 raise BagError(f"the file {record.name} inside is damaged")
             self.found.attachments.append(record)
-        elif piece.opcode == Opcode.FOOTER and not summary_whole(self.data, piece):
+        elif span.opcode == Opcode.FOOTER and not summary_whole(self.data, span):
             self.found.statistics = None  # nothing in the summary is reliable
             raise BagError("the check sum of the summary is wrong")
 
-    def _damaged(self, piece: Piece) -> Lost:
+    def _damaged(self, span: Span) -> Lost:
         """A range that is no record: possibly a truncated chunk, or one with a damaged header."""
-        cut = piece.stop == len(self.data)
+        cut = span.stop == len(self.data)
         reason = "cut off here" if cut else "no whole record"
         times = None
-        chunk = self.data[piece.start] == Opcode.CHUNK
-        if chunk and piece.stop - piece.start > _CHUNK_HEAD:
-            head = Piece(Opcode.CHUNK, piece.start + HEAD.size, piece.stop)
-            times = _believed(*chunk_head(self.data, head)[:2])
-        count = self._counts.get(piece.start + HEAD.size)
-        return Lost(piece.start, piece.stop, reason, times, count, content=chunk or bool(count))
+        chunk = self.data[span.start] == Opcode.CHUNK
+        if chunk and span.stop - span.start > _CHUNK_HEAD:
+            head = Span(Opcode.CHUNK, span.start + HEAD.size, span.stop)
+            times = _plausible_times(*chunk_head(self.data, head)[:2])
+        count = self._counts.get(span.start + HEAD.size)
+        return Lost(span.start, span.stop, reason, times, count, content=chunk or bool(count))
 
 
 _OPCODE = {Channel: Opcode.CHANNEL, Schema: Opcode.SCHEMA}
 
 
-def _believed(first: int, last: int) -> tuple[int, int] | None:
+def _plausible_times(first: int, last: int) -> tuple[int, int] | None:
     """Times of a damaged chunk [ns]; None if they are implausible."""
     return (first, last) if first <= last < first + int(1e15) else None

@@ -34,9 +34,9 @@ log = logging.getLogger(__name__)
 SETTINGS = "settings.json"
 FORMAT = 1
 VALIDATION_SKIP = 4.0  # start-up of a gait, left out of the comparison [s]
-WHOLE = 1e6  # settling periods: all that precede the first compared period
+ALL_PERIODS = 1e6  # settling periods: all that precede the first compared period
 
-Tell = Callable[[int, Generation], None]  # arguments: seed, state of its search
+OnGeneration = Callable[[int, Generation], None]  # arguments: seed, state of its search
 
 
 @dataclass(frozen=True)
@@ -104,7 +104,7 @@ def prepare(
     return job
 
 
-def calibrate(job: Job, on_progress: Tell | None = None) -> results.Result:
+def calibrate(job: Job, on_progress: OnGeneration | None = None) -> results.Result:
     """Search with every seed, compare the best model with all recordings, write the results."""
     settings = json.dumps({"format": FORMAT, **_fingerprint(job)}) + "\n"
     write_whole(job.folder / SETTINGS, settings)
@@ -120,7 +120,7 @@ def calibrate(job: Job, on_progress: Tell | None = None) -> results.Result:
     return result
 
 
-def search(job: Job, seed: int, on_progress: Tell | None) -> Fit:
+def search(job: Job, seed: int, on_progress: OnGeneration | None) -> Fit:
     """One search; evaluations that its folder records are not repeated."""
     calibration = Calibration(job.recording, job.robot, job.options.replace(seed=seed))
     return calibration.run(
@@ -164,7 +164,7 @@ def _options(options: CalibrationParams, count: int) -> list[CalibrationParams]:
 
     Validation uses the whole recording.
     """
-    long_options = options.replace(settle=WHOLE, skip=VALIDATION_SKIP, periods=0)
+    long_options = options.replace(settle=ALL_PERIODS, skip=VALIDATION_SKIP, periods=0)
     return [options, *[long_options] * (count - 1)]
 
 

@@ -79,8 +79,8 @@ def show_bag(path: Path, check: bool = False, as_json: bool = False) -> None:
     length, names = bag.end - bag.start, [path.name for path in bag.paths]
     console.print(f"{bag.path}: {length:.2f} s, {_size(bag) / 1e6:.1f} MB")
     parts = [f"{len(names)} files, {names[0]} to {names[-1]}"] * (len(names) > 1)
-    whole = f"every {'message' if isinstance(bag, RawBag) else 'chunk and file'} is whole"
-    for line in (*parts, _form(bag), *_disagreements(bag), *[whole] * check):
+    intact = f"every {'message' if isinstance(bag, RawBag) else 'chunk and file'} is whole"
+    for line in (*parts, _form(bag), *_disagreements(bag), *[intact] * check):
         console.print(f"  {line}")
     for key, value in bag.metadata.items():
         if key == "versions":

@@ -23,7 +23,7 @@ def run_demo(a: argparse.Namespace) -> int:
     experiment = load(EXPERIMENT)
     folder = a.out or default_folder(experiment)
     console.rule("1 of 3: a HyQ learns to trot by reflex, over ROS 2 topics")
-    outcome = show_run(experiment, lambda tell: runner.run(experiment, folder, on_progress=tell))
+    outcome = show_run(experiment, lambda show: runner.run(experiment, folder, on_progress=show))
     if outcome.exit_code:
         return outcome.exit_code
     console.rule("2 of 3: its bag, replayed onto the topics as fast as it goes")

@@ -21,7 +21,7 @@ from loco_control.ros.messages.topics import topic
 from ..client import GraphClient
 
 _SERVICE = "set_estop"
-_PATIENCE = 5.0  # wall time to discover robots, and for each to answer [s]
+_TIMEOUT = 5.0  # wall time to discover robots, and for each to answer [s]
 _KEYS = "space stops, r resets, q quits\n"
 
 
@@ -79,7 +79,7 @@ class _Stopper(GraphClient):
             raise
 
     def _find(self) -> list[str]:
-        end = time.monotonic() + _PATIENCE
+        end = time.monotonic() + _TIMEOUT
         while time.monotonic() < end:
             names = [n for n, _ in self.node.get_service_names_and_types()]
             services = [n for n in names if n == self._wanted or self._wanted is None]
@@ -95,10 +95,10 @@ class _Stopper(GraphClient):
         """Stop or reset all plants, and print the answer of each."""
         done = []
         for name, client in self._clients.items():
-            client.wait_for_service(timeout_sec=_PATIENCE)
+            client.wait_for_service(timeout_sec=_TIMEOUT)
             future: Any = client.call_async(SetBool.Request(data=stop))
-            answer = future.result() if self.wait(future.done, _PATIENCE) else None
-            text = answer.message if answer else f"no answer within {_PATIENCE:g} s"
+            answer = future.result() if self.wait(future.done, _TIMEOUT) else None
+            text = answer.message if answer else f"no answer within {_TIMEOUT:g} s"
             sys.stdout.write(f"{name.rpartition('/')[0] or '/'}: {text}\n")
             sys.stdout.flush()
             done.append(bool(answer and answer.success))

@@ -19,7 +19,7 @@ from loco_sim import effects
 
 from ..bag.reader import Bag
 from ..robot.terminal import robot_table
-from ..schemas import KINDS, schema
+from ..schemas import SCHEMAS, schema
 from ..terminal import console, table
 from .table import COMMANDS, parser
 
@@ -107,8 +107,8 @@ def show_schema(a: argparse.Namespace) -> int:
         ParameterError: Neither a kind nor a folder is given.
     """
     if a.kind is None and a.out is None:
-        raise ParameterError(f"name a kind of file ({', '.join(KINDS)}), or a folder with --out")
-    for kind in [a.kind] if a.kind else KINDS:
+        raise ParameterError(f"name a kind of file ({', '.join(SCHEMAS)}), or a folder with --out")
+    for kind in [a.kind] if a.kind else SCHEMAS:
         text = json.dumps(schema(kind), indent=2, ensure_ascii=False) + "\n"
         if a.out is None:
             sys.stdout.write(text)

@@ -92,11 +92,11 @@ def line(p: Progress) -> str:
     return text
 
 
-def _table(found: list[tuple]) -> Table:
+def _table(results: list[tuple]) -> Table:
     table = Table(box=None)
     for column in ("seed", "speed [m/s]", "distance [m]", "on other bodies", "falls", "end"):
         table.add_column(column, justify="right", no_wrap=True)
-    for gait, optimum, _ in found:
+    for gait, optimum, _ in results:
         c = gait.check
         table.add_row(
             str(gait.seed),

@@ -29,7 +29,7 @@ def run(a: argparse.Namespace) -> int:
             raise ParameterError(f"layout rollout has no nodes, so no --{name}; take composed")
     folder = a.out or default_folder(experiment)
     limits = Limits(a.max_bag_size, a.max_bag_duration)
-    outcome = show_run(experiment, lambda tell: run_rollout(experiment, folder, tell, limits))
+    outcome = show_run(experiment, lambda report: run_rollout(experiment, folder, report, limits))
     return finish(outcome, a.report, a.view)
 
 
@@ -52,10 +52,10 @@ def show_run(
     with bar(*columns, "{task.fields[phase]}") as progress:
         task = progress.add_task(experiment.name, total=duration, rtf=0.0, phase="starting")
 
-        def tell(p: Progress) -> None:
+        def show(p: Progress) -> None:
             progress.update(task, completed=p.sim_time, rtf=p.real_time_factor, phase=p.phase)
 
-        outcome = start(tell)
+        outcome = start(show)
     state = "interrupted" if outcome.interrupted else "fell" if outcome.fallen else "done"
     console.print(f"{experiment.name}: {state}, {outcome.text}")
     console.print(

@@ -35,9 +35,9 @@ def run(a: argparse.Namespace) -> int:
     folder = a.out or default_folder(experiment)
     outcome = show_run(
         experiment,
-        lambda tell: runner.run(
+        lambda report: runner.run(
             experiment, folder, a.layout, "realtime" if a.hardware else a.clock, a.namespace,
-            speed=a.speed, nodes=a.nodes, on_progress=tell, faults=a.fault, realtime=realtime,
+            speed=a.speed, nodes=a.nodes, on_progress=report, faults=a.fault, realtime=realtime,
             limits=limits, hardware=a.hardware, start_timeout=a.start_timeout, **tick,
         ),
     )  # fmt: skip

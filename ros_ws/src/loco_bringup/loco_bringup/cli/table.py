@@ -71,8 +71,8 @@ class Parser(argparse.ArgumentParser):
         given: Values of the options on the command line, by destination.
     """
 
-    def __init__(self, **more: Any):
-        super().__init__(**more)
+    def __init__(self, **keywords: Any):
+        super().__init__(**keywords)
         self.given: dict[str, Any] = {}
         for kind in (None, "store"):
             self.register("action", kind, Store)
@@ -138,11 +138,11 @@ def split(arguments: list[str]) -> tuple[str, list[str]]:
 def parser(name: str) -> Parser:
     """Parser of the options of a command."""
     command = COMMANDS[name]
-    _, _, more = inspect.cleandoc(command.options.__doc__).partition("\n")
+    _, _, details = inspect.cleandoc(command.options.__doc__).partition("\n")
     p = Parser(
         prog=f"loco {name.partition(' --')[0]}",
         allow_abbrev=False,
-        description=f"{command.text}\n{more}",
+        description=f"{command.text}\n{details}",
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     command.options(p)

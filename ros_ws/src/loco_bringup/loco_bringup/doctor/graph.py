@@ -43,10 +43,10 @@ def tables(view: View) -> dict[str, dict[str, Topic]]:
     """Best matching topic table of each namespace in which a graph runs."""
     result = {}
     for space in view.namespaces():
-        ends = {(e.topic, e.node.rpartition("/")[2]) for e in view.endpoints}
+        pairs = {(e.topic, e.node.rpartition("/")[2]) for e in view.endpoints}
         scores = {
             name: sum(
-                (full(space, r.name), w) in ends for r in _paced(t) for w in (r.writer, *r.readers)
+                (full(space, r.name), w) in pairs for r in _paced(t) for w in (r.writer, *r.readers)
             )
             for name, t in TABLES.items()
         }
@@ -78,13 +78,13 @@ def check_types(view: View) -> Iterator[Finding]:
             text = f"{name} has {len(types)} types, so its ends never meet: {who}"
             yield Finding("type", text, "use one type")
             continue
-        unknown = [e for e in endpoints if not _known(e)]
+        unknown = [e for e in endpoints if not _is_known(e)]
         if unknown:
             text = f"{_names(unknown)} has another definition of {types[0]} on {name} than we have"
             yield Finding("messages mismatched", text, "build the same messages there")
 
 
-def _known(end: Endpoint) -> bool:
+def _is_known(end: Endpoint) -> bool:
     if not end.type.startswith("loco_msgs/msg/"):
         return True
     try:

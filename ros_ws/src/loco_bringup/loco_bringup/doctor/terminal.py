@@ -9,12 +9,12 @@ import os
 import sys
 
 from ..graph import shm
-from ..graph.view import Onlooker
+from ..graph.view import GraphObserver
 from . import environment
 from .environment import Finding
 from .graph import MUTE, check_graph
 
-PATIENCE = 10.0  # second listening time before a running node is called silent [s]
+LISTEN_TIMEOUT = 10.0  # second listening time before a running node is called silent [s]
 
 
 def show_doctor(a: argparse.Namespace) -> int:
@@ -46,11 +46,11 @@ def examine(seconds: float) -> list[Finding]:
     findings = environment.check_environment(os.environ) + environment.check_messages()
     if findings:
         return findings
-    with Onlooker() as observer:
+    with GraphObserver() as observer:
         view = observer.listen(seconds)
         graph = check_graph(view)
         if any(MUTE in finding.text for finding in graph):  # the machine may just be busy
-            view = observer.listen(PATIENCE, PATIENCE)
+            view = observer.listen(LISTEN_TIMEOUT, LISTEN_TIMEOUT)
             graph = check_graph(view)
     other_domains = environment.check_elsewhere(os.environ) if not view.reports else []
     return environment.check_shared_memory() + other_domains + graph

@@ -7,7 +7,7 @@ import argparse
 import sys
 import time
 
-from ..graph.view import SILENT, Onlooker, Report, View
+from ..graph.view import SILENCE_TIMEOUT, GraphObserver, Report, View
 
 _COLUMNS = ("node", "pid", "cpu %", "MB", "ticks/s", "mean ms", "max ms", "late", "stale",
             "dropped", "state")  # fmt: skip
@@ -21,7 +21,7 @@ def show_top(a: argparse.Namespace) -> int:
     Returns:
         0; with ``--once`` 1 if no node reported.
     """
-    with Onlooker() as observer:
+    with GraphObserver() as observer:
         view = _first(observer)
         if a.once:
             sys.stdout.write(text(view))
@@ -33,7 +33,7 @@ def show_top(a: argparse.Namespace) -> int:
             view = observer.listen(a.interval)
 
 
-def _first(observer: Onlooker) -> View:
+def _first(observer: GraphObserver) -> View:
     """The graph, once every responsive node has reported, or after a time limit."""
     view = observer.listen(2.0)
     for _ in range(8):
@@ -70,8 +70,8 @@ def _summary(name: str, plant: Report, view: View) -> str:
 
 def _row(name: str, r: Report) -> tuple[str, ...]:
     span = r.number("span_s", 1.0) or 1.0
-    state = "silent" if r.age > SILENT else _LEVELS[min(r.level, 3)]
-    if r.message != "running" and r.age <= SILENT:
+    state = "silent" if r.age > SILENCE_TIMEOUT else _LEVELS[min(r.level, 3)]
+    if r.message != "running" and r.age <= SILENCE_TIMEOUT:
         state += f": {r.message}"
     if state == "silent":
         state += f" for {r.age:.0f} s"

@@ -86,9 +86,9 @@ def compare(
         error = np.where(np.isfinite(measured), predicted - measured, np.nan)
         path = folder / f"replay_{number}.npz"
         path.with_suffix(".xml").write_text(mjcf(exported)[0], encoding="utf-8")
-        arrays = _given(exported, record, forward, measured, columns)
+        arrays = _inputs(exported, record, forward, measured, columns)
         arrays["finer"] = np.array(float(finer))
-        write_whole(path, lambda file, given=arrays: np.savez_compressed(file, **given))
+        write_whole(path, lambda file, contents=arrays: np.savez_compressed(file, **contents))
         names = [forward.channels[i].name for i in columns]
         played, rms_joints = _played(path), np.sqrt(np.nanmean(error**2, axis=0)).tolist()
         joints = {name: (rms, played[name]) for name, rms in zip(names, rms_joints, strict=True)}
@@ -98,18 +98,18 @@ def compare(
     return comparisons, notes
 
 
-def _given(
-    made: Portable, record: Record, forward: Forward, measured: np.ndarray, columns: list[int]
+def _inputs(
+    built: Portable, record: Record, forward: Forward, measured: np.ndarray, columns: list[int]
 ) -> dict[str, np.ndarray]:
     """Contents of ``replay.npz``: see `replay_mjcf`."""
-    robot, inputs = made.robot, running.orders(record, made.robot)
-    q, dq = begins(record, robot, forward, 0)
+    robot, inputs = built.robot, running.sequence(record, built.robot)
+    q, dq = initial_state(record, robot, forward, 0)
     aligned = np.full((len(record.t), len(robot.joints)), np.nan)
     for column, channel in enumerate(columns):
         aligned[:, robot.joints.index(forward.channels[channel].name)] = measured[:, column]
     return {
         "dt": np.array(running.period(record)),
-        "ctrl": commands(made, inputs),
+        "ctrl": commands(built, inputs),
         "ramps": np.array(float(any(inputs.ramps))),
         "power": np.ones((len(record.t), 2)) if inputs.power is None else inputs.power,
         "joints": np.array(robot.joints),
@@ -119,7 +119,7 @@ def _given(
     }
 
 
-def begins(
+def initial_state(
     record: Record, robot: Robot, forward: Forward, index: int
 ) -> tuple[np.ndarray, np.ndarray]:
     """Initial joint positions [rad] and velocities [rad/s] of a record, (n,) each."""
@@ -128,16 +128,16 @@ def begins(
     return (starts[0].q, starts[0].dq) if starts else (robot.standing, 0.0 * robot.standing)
 
 
-def commands(made: Portable, told: running.CommandSequence) -> np.ndarray:
+def commands(built: Portable, inputs: running.CommandSequence) -> np.ndarray:
     """Actuator commands of the exported MJCF, (T, nu)."""
     columns = []
-    for index, joint in enumerate(made.joints):
-        q, dq, tau = (table[:, index] for table in (told.q, told.dq, told.tau))
+    for index, joint in enumerate(built.joints):
+        q, dq, tau = (table[:, index] for table in (inputs.q, inputs.dq, inputs.tau))
         if joint.kind == IMPEDANCE:
             feedforward = joint.kd * dq + tau
             columns.append(q + feedforward / joint.kp if joint.kp else feedforward)
         elif joint.kind != FREE:
-            step = made.robot.drives[joint.name].resolution if joint.kind == SERVO else 0.0
+            step = built.robot.drives[joint.name].resolution if joint.kind == SERVO else 0.0
             if step:  # position commands are rounded to the resolution of the servo [rad]
                 q = step * np.floor((q + joint.offset) / step + 0.5) - joint.offset
             columns.append(q if joint.kind == SERVO else tau)

@@ -30,7 +30,7 @@ from .replay import SCRIPT, Compared, compare
 MJCF, URDF, ISAAC, PACE = "mjcf", "urdf", "isaac", "pace"
 CONTROL = "ros2_control"
 TARGETS = (MJCF, URDF, ISAAC, PACE, CONTROL)
-Texts = dict[str, tuple[str, list[str]]]
+ModelFiles = dict[str, tuple[str, list[str]]]
 
 
 @dataclass(frozen=True)
@@ -117,14 +117,14 @@ def _gear(to: str, gear: str | None, replay: Sequence[Any]) -> str:
     return gear or (ELASTIC if to == MJCF else RIGID)
 
 
-def _ranges(made: Portable, model: Model, result: Path | None) -> tuple[list[Range], list[str]]:
+def _ranges(built: Portable, model: Model, result: Path | None) -> tuple[list[Range], list[str]]:
     """Ranges of a model from the results of `loco gap`, and sentences on what has none."""
     present = result is not None and result.is_file()
     terms = gap.read_json(result, gap.ResultFile)["terms"] if present else []
     names = {effect["name"] for effect in model.effects}
-    known, unused = ranges.of(made, [term for term in terms if term["effect"] in names])
+    spans, unused = ranges.of(built, [term for term in terms if term["effect"] in names])
     absent = [term["effect"] for term in terms if term["effect"] not in names]
-    return known, [*unused, *(f"{name}: the model has not got it" for name in absent)]
+    return spans, [*unused, *(f"{name}: the model has not got it" for name in absent)]
 
 
 def _starts(result: Path | None) -> dict[str, Any]:
@@ -134,21 +134,21 @@ def _starts(result: Path | None) -> dict[str, Any]:
     return {record.name: record.start for record in curves}
 
 
-def _to_mjcf(made: Portable, known: Sequence[Range]) -> Texts:
-    text, lost = mjcf(made)
+def _to_mjcf(built: Portable, spans: Sequence[Range]) -> ModelFiles:
+    text, lost = mjcf(built)
     output = {"model.xml": (text, lost)}
-    return output | ({"randomize.py": ranges.playground(made, known, dofs(text))} if known else {})
+    return output | ({"randomize.py": ranges.playground(built, spans, dofs(text))} if spans else {})
 
 
-WRITERS: dict[str, Callable[[Portable, Sequence[Range]], Texts]] = {
+WRITERS: dict[str, Callable[[Portable, Sequence[Range]], ModelFiles]] = {
     MJCF: _to_mjcf,
-    URDF: lambda made, known: {"robot.urdf": urdf(made)},
-    ISAAC: lambda made, known: {
-        "isaac_lab.py": isaac.isaac(made, known),
-        "robot.urdf": (urdf(made)[0], []),
+    URDF: lambda built, spans: {"robot.urdf": urdf(built)},
+    ISAAC: lambda built, spans: {
+        "isaac_lab.py": isaac.isaac(built, spans),
+        "robot.urdf": (urdf(built)[0], []),
     },
-    PACE: lambda made, known: {"pace.py": isaac.pace(made, known)},
-    CONTROL: lambda made, known: ros2_control(made),
+    PACE: lambda built, spans: {"pace.py": isaac.pace(built, spans)},
+    CONTROL: lambda built, spans: ros2_control(built),
 }
 
 
@@ -165,16 +165,16 @@ def _claim(folder: Path) -> None:
 
 
 def _records(
-    model: Model, replay: Sequence[Any], mapping: Any, found: Path | None
+    model: Model, replay: Sequence[Any], mapping: Any, result: Path | None
 ) -> tuple[list[Record], list[str]]:
     """Records for the comparison, and the reasons if there are none."""
     if replay:
         robot = model.make_robot()
         return [r for path in replay for r in load_records(path, robot, mapping)], []
-    if found is None or not (found.parent / gap.JOB).is_file():
+    if result is None or not (result.parent / gap.JOB).is_file():
         return [], ["not replayed: name recordings with --replay"]
     try:
-        _, _, held = gap.read_records(gap.load_job(found.parent))
+        _, _, held = gap.read_records(gap.load_job(result.parent))
     except LocoError as error:
         return [], [f"not replayed: {error}"]
     return held, [] if held else ["not replayed: `loco gap` held no recording out whole"]

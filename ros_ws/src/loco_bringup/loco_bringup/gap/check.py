@@ -32,7 +32,7 @@ from . import run as runner
 from .importing import DRAFTS, drafted, load, mapping_of
 
 PAGE, JSON = "check.html", "check.json"
-READY, WARNED, REFUSED = "ready", "usable, with warnings", "not usable as it is"
+READY, WARNED, UNUSABLE = "ready", "usable, with warnings", "not usable as it is"
 WRONG = "set-up to be mended first"
 MOST_ALIKE = 3  # largest number of indistinguishable effects named in a table cell
 Checked = Mapping[str, Any]
@@ -53,15 +53,15 @@ def show_check(a: argparse.Namespace) -> int:
         raise ParameterError(f"workers must be at least 1, got {a.workers}")
     folder = a.out or Path("results") / f"check_{Path(a.bags[0]).name.split('.')[0]}"
     claim(folder, JSON, *DRAFTS)
-    robot, given, notes = drafted(a.robot, a.bags, str(a.mapping or ""), folder)
-    mapping = Path(given) if given else None
+    robot, file, notes = drafted(a.robot, a.bags, str(a.mapping or ""), folder)
+    mapping = Path(file) if file else None
     with bar("{task.percentage:3.0f} %") as progress:
         task = progress.add_task("reading", total=1.0)
 
-        def tell(share: float, stage: str) -> None:
+        def report(share: float, stage: str) -> None:
             progress.update(task, completed=share, description=stage)
 
-        result = checked(robot, a.bags, mapping, a.workers, tell)
+        result = checked(robot, a.bags, mapping, a.workers, report)
     folder.mkdir(parents=True, exist_ok=True)
     runner.write_json(folder / JSON, result)
     write_whole(folder / PAGE, page(result))
@@ -77,7 +77,7 @@ def show_check(a: argparse.Namespace) -> int:
 
 
 def checked(
-    robot: str, bags: Sequence[str], mapping: Path | None, workers: int, tell: Any
+    robot: str, bags: Sequence[str], mapping: Path | None, workers: int, report: Any
 ) -> dict[str, Any]:
     """Contents of ``check.json``.
 
@@ -88,7 +88,7 @@ def checked(
         bags: Recordings.
         mapping: Mapping file, or None.
         workers: Number of processes.
-        tell: Called with the completed share and the stage.
+        report: Called with the completed share and the stage.
 
     Raises:
         LocoError: The robot is unknown, or no recording is usable (with the reason of the first).
@@ -105,20 +105,20 @@ def checked(
         records = [r for bag in bags for r in load(bag, plant, mapping, judge=False)]
         errors = {}
     rejected = [{"recording": bag, "reason": str(error)} for bag, error in errors.items()]
-    result = preview.look(model, records, None, tell, workers)
+    result = preview.inspect(model, records, None, report, workers)
     return {**result, "refused": rejected, "verdict": verdict(result, rejected)}
 
 
 def fix(
-    robot: str, bags: Sequence[str], given: Path | None, found: Checked, folder: Path
+    robot: str, bags: Sequence[str], file: Path | None, check: Checked, folder: Path
 ) -> dict[str, Path]:
     """Write a new mapping and model that correct the set-up; existing files are kept.
 
     Args:
         robot: Robot, robot.yaml or model.yaml.
         bags: Recordings.
-        given: Mapping file from the command line, or None.
-        found: Contents of ``check.json``.
+        file: Mapping file from the command line, or None.
+        check: Contents of ``check.json``.
         folder: Folder of the files.
 
     Returns:
@@ -127,10 +127,10 @@ def fix(
     Raises:
         ParameterError: The recordings have different mappings.
     """
-    changes = mend.changes_of([from_plain(one) for one in found["setup"] if _sure(one)])
+    changes = mend.changes_of([from_plain(one) for one in check["setup"] if _sure(one)])
     options: dict[str, Path] = {}
     if any(change.file == MAPPING for change in changes):
-        paths = {m.path for bag in bags if (m := mapping_of(Path(bag), given))}
+        paths = {m.path for bag in bags if (m := mapping_of(Path(bag), file))}
         if len(paths) > 1:
             raise ParameterError(
                 f"--fix writes one mapping, but these recordings have {len(paths)} "
@@ -142,7 +142,7 @@ def fix(
     model = mend.model_mended(models.load_any(robot), changes)
     if model:
         options["--robot"] = free(folder / MODEL)
-        runner.beside(model, folder).save(options["--robot"])
+        runner.relocated(model, folder).save(options["--robot"])
     return options
 
 
@@ -158,58 +158,58 @@ def free(path: Path) -> Path:
 
 
 def next_lines(
-    robot: str, bags: Sequence[str], given: Path | None, found: Checked, fixed: Mapping[str, Path]
+    robot: str, bags: Sequence[str], file: Path | None, check: Checked, fixed: Mapping[str, Path]
 ) -> list[str]:
     """Corrected files, what they leave out, and the next command; or the option for them."""
     left = [f"--fix leaves out: {one['fault']} of {', '.join(one['joints']) or 'the robot'}, as "
             + ("several ways mend it: choose one" if one["others"] else "no line surely mends it")
-            for one in found["setup"] if not _sure(one)]  # fmt: skip
+            for one in check["setup"] if not _sure(one)]  # fmt: skip
     if not fixed:
-        return left + ["--fix writes these lines into new files"] * any(map(_sure, found["setup"]))
-    options = {"--robot": robot} | ({"--mapping": given} if given else {}) | {**fixed}
-    words = itertools.chain(map(str, bags), *((key, str(path)) for key, path in options.items()))
+        return left + ["--fix writes these lines into new files"] * any(map(_sure, check["setup"]))
+    options = {"--robot": robot} | ({"--mapping": file} if file else {}) | {**fixed}
+    parts = itertools.chain(map(str, bags), *((key, str(path)) for key, path in options.items()))
     return [*(f"written: {path}" for path in fixed.values()), *left,
-            f"then:    loco gap {shlex.join(words)}"]  # fmt: skip
+            f"then:    loco gap {shlex.join(parts)}"]  # fmt: skip
 
 
-def verdict(found: Checked, refused: Sequence[Any]) -> str:
-    """One of `READY`, `WARNED`, `REFUSED` and `WRONG`."""
-    if not refused and any(one["stops"] for one in found["setup"]):
+def verdict(check: Checked, rejected: Sequence[Any]) -> str:
+    """One of `READY`, `WARNED`, `UNUSABLE` and `WRONG`."""
+    if not rejected and any(one["stops"] for one in check["setup"]):
         return WRONG
-    warned = found["missing"] or found["setup"] or any(r["warnings"] for r in found["recordings"])
-    return REFUSED if refused else WARNED if warned else READY
+    warned = check["missing"] or check["setup"] or any(r["warnings"] for r in check["recordings"])
+    return UNUSABLE if rejected else WARNED if warned else READY
 
 
-def sentences(found: Checked) -> list[str]:
+def sentences(check: Checked) -> list[str]:
     """Problems of the recordings as sentences, worst first."""
-    lines = [f"{r['recording']} is refused: {r['reason']}" for r in found["refused"]]
-    lines += [one["says"] for one in found["setup"]]
-    lines += [f"{r['name']}: {w}" for r in found["recordings"] for w in r["warnings"]]
-    return lines + list(found["missing"])
+    lines = [f"{r['recording']} is refused: {r['reason']}" for r in check["refused"]]
+    lines += [one["says"] for one in check["setup"]]
+    lines += [f"{r['name']}: {w}" for r in check["recordings"] for w in r["warnings"]]
+    return lines + list(check["missing"])
 
 
-def readings(found: Checked) -> list[str]:
+def readings(check: Checked) -> list[str]:
     """Notes on excerpts, and from reading the recordings, each once, with their names."""
     names: dict[str, list[str]] = {}
-    for recording in found["recordings"]:
+    for recording in check["recordings"]:
         for note in recording["notes"]:
             names.setdefault(note, []).append(recording["name"])
-    return [*found["notes"], *(f"{', '.join(of)}: {note}" for note, of in names.items())]
+    return [*check["notes"], *(f"{', '.join(of)}: {note}" for note, of in names.items())]
 
 
-def counts(found: Checked) -> dict[str, int]:
+def counts(check: Checked) -> dict[str, int]:
     """Number of candidate effects (effect and place) by whether the data would reveal them."""
     grades: dict[tuple[str, str, str], str] = {}
-    for row in found["effects"]:
+    for row in check["effects"]:
         key = row["effect"], row["variant"], row["place"]
         grades[key] = min(grades.get(key, NO), row["seen"], key=(YES, LARGE, NO).index)
     return {grade: list(grades.values()).count(grade) for grade in (YES, LARGE, NO)}
 
 
-def by_effect(found: Checked) -> list[list[str]]:
+def by_effect(check: Checked) -> list[list[str]]:
     """Rows of a table: effect, places where it is detectable, smallest size, similar effects."""
     groups: dict[tuple[str, str], list[Any]] = {}
-    for row in found["effects"]:
+    for row in check["effects"]:
         groups.setdefault((row["effect"], row["parameter"]), []).append(row)
     lines = []
     for (effect, parameter), rows in sorted(groups.items()):
@@ -236,10 +236,10 @@ def by_effect(found: Checked) -> list[list[str]]:
 HEAD = ("Effect", "Shows at", "From", "Usual size", "Not at", "Looks the same as")
 
 
-def recording_rows(found: Checked) -> list[list[str]]:
+def recording_rows(check: Checked) -> list[list[str]]:
     """Rows of a table: recording, length, rate, jitter, missing samples, lag, signals."""
     rows = []
-    for r in found["recordings"]:
+    for r in check["recordings"]:
         stamps = r["stamps"].get("q") or {}
         lag = sorted(r["lag_ms"].values())
         lag_range = f"{text.number(lag[0])} to {text.number(lag[-1])} ms" if lag else "–"
@@ -251,10 +251,10 @@ def recording_rows(found: Checked) -> list[list[str]]:
     return rows
 
 
-def signals(found: Checked) -> list[str]:
+def signals(check: Checked) -> list[str]:
     """Signals and commands, one line per set of recordings with the same ones."""
     having: dict[str, list[str]] = {}
-    for r in found["recordings"]:
+    for r in check["recordings"]:
         line = ", ".join([*r["signals"], *(f"command {c}" for c in r["commands"])])
         having.setdefault(line, []).append(r["name"])
     if len(having) == 1:
@@ -265,11 +265,11 @@ def signals(found: Checked) -> list[str]:
 RECORDING_HEAD = ("Recording", "Base", "Length", "Rate", "Jitter", "Missing", "Behind command")
 
 
-def search_line(found: Checked) -> str:
+def search_line(check: Checked) -> str:
     """Estimated duration of a search as text."""
-    if not found["search_seconds"]:
+    if not check["search_seconds"]:
         return "no effect was tried: the set-up has to be mended first"
-    low, high = (_time(s) for s in found["search_seconds"])
+    low, high = (_time(s) for s in check["search_seconds"])
     return f"a search takes about {low}, up to {high} where much is missing"
 
 
@@ -277,65 +277,65 @@ def _time(seconds: float) -> str:
     return f"{max(1, round(seconds))} s" if seconds < 100.0 else f"{round(seconds / 60.0)} min"
 
 
-def visible(found: Checked) -> str:
+def visible(check: Checked) -> str:
     """Number of candidate effects that the data would reveal, in one line."""
-    n = counts(found)
+    n = counts(check)
     return (
         f"of {sum(n.values())} effects at a place, {n[YES]} are visible at their usual size, "
         f"{n[LARGE]} only if large, {n[NO]} not at all"
     )
 
 
-def show(found: Checked) -> None:
+def show(check: Checked) -> None:
     """Print the result."""
-    console.print(": ".join([found["verdict"], *[visible(found)] * bool(found["effects"])]))
-    for line in sentences(found):
+    console.print(": ".join([check["verdict"], *[visible(check)] * bool(check["effects"])]))
+    for line in sentences(check):
         console.print(f"  {line}")
-    console.print(table("", RECORDING_HEAD, recording_rows(found)))
-    for line in (*signals(found), *readings(found)):
+    console.print(table("", RECORDING_HEAD, recording_rows(check)))
+    for line in (*signals(check), *readings(check)):
         console.print(f"  {line}")
-    if found["effects"]:
-        console.print(table("", HEAD, by_effect(found)))
-    console.print(f"  {search_line(found)}")
+    if check["effects"]:
+        console.print(table("", HEAD, by_effect(check)))
+    console.print(f"  {search_line(check)}")
 
 
-def page(found: Checked) -> str:
+def page(check: Checked) -> str:
     """HTML text of the page."""
     head = html.join(
         [
-            html.verdict(found["verdict"], found["verdict"] not in (REFUSED, WRONG)),
-            *[html.paragraph(html.strong(visible(found).capitalize()))] * bool(found["effects"]),
-            *(html.missing(line) for line in sentences(found)),
-            html.paragraph(f"{search_line(found)[0].upper()}{search_line(found)[1:]}.", soft=True),
+            html.verdict(check["verdict"], check["verdict"] not in (UNUSABLE, WRONG)),
+            *[html.paragraph(html.strong(visible(check).capitalize()))] * bool(check["effects"]),
+            *(html.missing(line) for line in sentences(check)),
+            html.paragraph(f"{search_line(check)[0].upper()}{search_line(check)[1:]}.", soft=True),
         ]
     )
-    parts = [html.part("Recordings", lambda: _recordings(found))]
-    if found["effects"]:
+    parts = [html.part("Recordings", lambda: _recordings(check))]
+    if check["effects"]:
         parts += [
-            html.part("What would show", lambda: _effects(found), long=True),
-            html.part("Effect by joint", lambda: _matrix(found), long=True),
+            html.part("What would show", lambda: _effects(check), long=True),
+            html.part("Effect by joint", lambda: _matrix(check), long=True),
             html.part("Not tried", lambda: html.bullets(
-                f"{text.words(n['effect'])}: {n['reason']}" for n in found["not_tried"])),
+                f"{text.words(n['effect'])}: {n['reason']}" for n in check["not_tried"])),
         ]
-    return html.document(f"Recordings of {Path(str(found['robot'])).name}", head, parts)
+    return html.document(f"Recordings of {Path(str(check['robot'])).name}", head, parts)
 
 
-def _recordings(found: Checked) -> Markup:
-    rows = html.table(RECORDING_HEAD, recording_rows(found), range(2, 7))
-    return html.join([rows, html.bullets([*signals(found), *readings(found)])])
+def _recordings(check: Checked) -> Markup:
+    rows = html.table(RECORDING_HEAD, recording_rows(check), range(2, 7))
+    return html.join([rows, html.bullets([*signals(check), *readings(check)])])
 
 
-def _effects(found: Checked) -> Markup:
-    chart = html.figure(partial(plots.sizes, found), "What would show", _SIZES)
-    rows = html.table(HEAD, by_effect(found), range(1, 4))
-    return html.join([chart, html.paragraph(_SHOWS, soft=True), rows])
+def _effects(check: Checked) -> Markup:
+    chart = html.figure(partial(plots.sizes, check), "What would show", _SIZES)
+    rows = html.table(HEAD, by_effect(check), range(1, 4))
+    return html.join([chart, html.paragraph(_VISIBLE_NOTE, soft=True), rows])
 
 
-def _matrix(found: Checked) -> Markup:
+def _matrix(check: Checked) -> Markup:
     """Smallest detectable size by effect and place, one table per unit."""
-    locations = list(dict.fromkeys(row["place"] for row in found["effects"]))
+    locations = list(dict.fromkeys(row["place"] for row in check["effects"]))
     rows: dict[str, dict[str, Any]] = {}
-    for row in found["effects"]:
+    for row in check["effects"]:
         rows.setdefault(f"{plots.named(row)} [{row['unit']}]", {})[row["place"]] = row
     marks = {YES: "good", LARGE: "so", NO: "bad"}
     cells = [
@@ -350,7 +350,7 @@ def _matrix(found: Checked) -> Markup:
     return html.join([html.paragraph(_MATRIX, soft=True), table_of])
 
 
-_SHOWS = (
+_VISIBLE_NOTE = (
     "Size from which on an effect adds three quarters of the noise to some channel, as the model "
     "predicts it under the recorded commands. Effects that look the same there change these "
     "recordings in the same way (cosine above 0.95): only their kind can be told."

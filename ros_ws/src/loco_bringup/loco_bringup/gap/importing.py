@@ -26,7 +26,7 @@ from loco_sim.plant import model as models
 from loco_sim.robot import robot as robots
 from loco_sim.robot.robot import Robot
 
-from ..bag.foreign.opening import KINDS, name_of, open_bag, suffix_of
+from ..bag.foreign.opening import BAG_TYPES, name_of, open_bag, suffix_of
 from ..bag.reader import Bag
 from ..outcome import STEP
 from . import topics as gap_topics
@@ -34,7 +34,7 @@ from .drafts.terminal import FORMATS, draft
 from .fields import FieldSource
 
 _new_robot = lazy.module("loco_bringup.robot.terminal")
-_KNOWN = ("fixed_base", "height")  # keys of an experiment about how the robot was held
+_HOLDING_KEYS = ("fixed_base", "height")  # keys of an experiment about how the robot was held
 # Drafts of a robot and of a mapping in a folder of results.
 DRAFTS = ROBOT, MAPPING = "drafts/robot/robot.yaml", f"drafts/{mapping.FILE}"
 
@@ -118,8 +118,8 @@ def _outdated(source: Path, draft_file: Path) -> list[Doubt]:
         )
     if not used.is_file() or source.stat().st_mtime <= used.stat().st_mtime:
         return []
-    again = f"remove {draft_file.parent} for a new draft"
-    return [Doubt(f"{source} was changed after the draft {used}, which is used: {again}")]
+    advice = f"remove {draft_file.parent} for a new draft"
+    return [Doubt(f"{source} was changed after the draft {used}, which is used: {advice}")]
 
 
 def _fitting(text: str, rules: Mapping, robot: str) -> str:
@@ -132,10 +132,10 @@ def _fitting(text: str, rules: Mapping, robot: str) -> str:
         text = text.replace("[control_rate, drives]", "[control_rate]")
         text = re.sub(r"kind: impedance, [^}]*", "kind: torque", text)
     model = models.load_any(robot).make_robot()
-    places = {c.place for c in rules.columns} | {*rules.locked} | {m.other for m in rules.mend}
-    places |= {joint for joint, coupling in model.followers.items() if coupling[0] in places}
+    mapped = {c.place for c in rules.columns} | {*rules.locked} | {m.other for m in rules.mend}
+    mapped |= {joint for joint, coupling in model.followers.items() if coupling[0] in mapped}
     positions = zip(model.joints, model.standing, strict=True)
-    locked = {joint: float(q) for joint, q in positions if joint not in places}
+    locked = {joint: float(q) for joint, q in positions if joint not in mapped}
     if not locked or len(locked) == len(model.joints) or model.legs is not None:
         return text
     line = yaml.safe_dump({robots.LOCKED: locked}, default_flow_style=True, width=1e6)[1:-2]
@@ -174,8 +174,8 @@ def load(
         return _from_bag(open_bag(path), name_of(path), robot, rules, judge)
     if path.is_file() and not tables.is_table(path):
         raise ParameterError(
-            f"{path.name} is no recording: wanted are {', '.join(KINDS)}, "
-            f"{', '.join(tables.KINDS)}, and .gz of texts"
+            f"{path.name} is no recording: wanted are {', '.join(BAG_TYPES)}, "
+            f"{', '.join(tables.SUFFIXES)}, and .gz of texts"
         )
     if rules is None:
         raise MissingFileError(
@@ -185,10 +185,10 @@ def load(
     return importing.load(path, robot, rules, judge)
 
 
-def mapping_of(path: Path, given: str | Path | None) -> Mapping | None:
-    """Mapping of a recording: `given`, or the one beside the recording; None if there is none."""
-    if given is not None:
-        return mapping.load(given)
+def mapping_of(path: Path, file: str | Path | None) -> Mapping | None:
+    """Mapping of a recording: `file`, or the one beside the recording; None if there is none."""
+    if file is not None:
+        return mapping.load(file)
     default = (path if path.is_dir() else path.parent) / mapping.FILE
     return mapping.load(default) if default.is_file() else None
 
@@ -240,7 +240,7 @@ def _experiment(bag: Bag) -> dict:
         return {}
     values = bag.yaml("experiment.yaml")
     overrides = values.get("overrides") if isinstance(values, dict) else None
-    return {key: overrides[key] for key in _KNOWN if key in (overrides or {})}
+    return {key: overrides[key] for key in _HOLDING_KEYS if key in (overrides or {})}
 
 
 def _simulated(bag: Bag) -> float:

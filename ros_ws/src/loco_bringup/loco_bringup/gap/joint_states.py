@@ -54,7 +54,7 @@ def tracks(bag: Bag, topic: str, roles: dict[str, str], notes: list[str]) -> lis
         for layout in layouts(bag, topic, data):
             publishers.setdefault(frozenset(layout.names), []).append(layout)
         if len(publishers) > 1:
-            _apart(bag, topic, publishers, notes)
+            _check_publishers(bag, topic, publishers, notes)
         stamps = np.array([stamp_ns(message) for message in data], dtype=np.int64)
         result = []
         for group in publishers.values():
@@ -90,7 +90,7 @@ def layouts(bag: Bag, topic: str, data: list[bytes]) -> list[Layout]:
     return list(by_key.values())
 
 
-def _layout(bag: Bag, topic: str, message: bytes, known: dict[tuple, Layout]) -> Layout:
+def _layout(bag: Bag, topic: str, message: bytes, cache: dict[tuple, Layout]) -> Layout:
     decoded = bag.message(topic, message)
     names, count = tuple(decoded.name), len(decoded.name)
     if len(set(names)) < count:
@@ -102,12 +102,12 @@ def _layout(bag: Bag, topic: str, message: bytes, known: dict[tuple, Layout]) ->
                 f"{topic} must have {count} values in {name}, got {len(getattr(decoded, name))}"
             )
     key = names, tuple(fields), decoded.header.frame_id
-    if key not in known:
-        known[key] = Layout(names, JointCodec(names, topic, fields, decoded.header.frame_id))
-    return known[key]
+    if key not in cache:
+        cache[key] = Layout(names, JointCodec(names, topic, fields, decoded.header.frame_id))
+    return cache[key]
 
 
-def _apart(
+def _check_publishers(
     bag: Bag, topic: str, publishers: dict[frozenset[str], list[Layout]], notes: list[str]
 ) -> None:
     """Check that no joint has two publishers, and append a note for each publisher.
@@ -137,12 +137,12 @@ def two_publishers(bag: Bag, topic: str, joint: str, sizes: list[int]) -> str:
 
 
 def _of_publisher(
-    some: list[Layout], t: np.ndarray, topic: str, roles: dict[str, str]
+    candidates: list[Layout], t: np.ndarray, topic: str, roles: dict[str, str]
 ) -> list[Track]:
     """Tracks of messages with the same joints; messages without a field add no samples of it."""
     result = []
     for name, role in roles.items():
-        having = [layout for layout in some if layout.values and name in layout.values[0]]
+        having = [layout for layout in candidates if layout.values and name in layout.values[0]]
         if not having:
             continue
         rows = np.concatenate([layout.rows for layout in having])

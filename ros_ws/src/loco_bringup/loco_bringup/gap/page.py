@@ -27,7 +27,7 @@ def page(result: Mapping[str, Any], curves: Curves) -> str:
     sections = [
         part("Before and after", lambda: _before_and_after(result, curves)),
         part("Where", lambda: _where(result, curves)),
-        part("What was tried", lambda: _tried(result)),
+        part("What was tried", lambda: _tested(result)),
         part("Next experiment", lambda: tables.proposals(result)),
         part("Evidence", lambda: _evidence(result)),
         part("Gap over time", lambda: _missed(result, curves), long=True),
@@ -142,7 +142,7 @@ def _missed(result: Mapping[str, Any], curves: Curves) -> Markup:
     return html.folded("Each channel, value by value", drawn)
 
 
-def _tried(result: Mapping[str, Any]) -> Markup:
+def _tested(result: Mapping[str, Any]) -> Markup:
     parts = [tables.terms(result), tables.rivals(result)]
     return html.join([*parts, html.folded("Effects that were not tried", tables.not_tried(result))])
 

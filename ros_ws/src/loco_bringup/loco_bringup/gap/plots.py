@@ -64,8 +64,8 @@ def notebook(arrays: Path, result: Mapping[str, Any]) -> str:
     for panel in plot.panels:
         layers = []
         for one in panel.lines:
-            known, style = np.isfinite(one.values), {"shape": DASHED} if one.dashed else {}
-            x, y = plot.x[known], one.values[known]
+            finite, style = np.isfinite(one.values), {"shape": DASHED} if one.dashed else {}
+            x, y = plot.x[finite], one.values[finite]
             layers.append(line(one.name, x, y, one.color, size=one.width, **style))
         across = Axis(plot.axis, limits=plot.view)
         frames.append(Frame(across, Axis(panel.label, limits=panel.limits), layers))
@@ -185,13 +185,13 @@ def _limits(*lines: np.ndarray) -> tuple[float, float] | None:
     return float(low - pad), float(high + pad)
 
 
-def sizes(found: Mapping[str, Any]) -> Chart:
+def sizes(check: Mapping[str, Any]) -> Chart:
     """Chart of smallest detectable over usual size, one dot per effect and place.
 
     Args:
-        found: Contents of ``check.json``.
+        check: Contents of ``check.json``.
     """
-    effects = [row for row in found["effects"] if row["smallest"] and row["typical"]]
+    effects = [row for row in check["effects"] if row["smallest"] and row["typical"]]
     names = list(dict.fromkeys(named(row) for row in reversed(effects)))
     colors = {YES: PALETTE[2], LARGE: PALETTE[4], NO: PALETTE[1]}
     legend = {YES: "shows at its usual size", LARGE: "shows if it is large", NO: "does not show"}

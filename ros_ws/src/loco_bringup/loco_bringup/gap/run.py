@@ -80,7 +80,7 @@ class ResultFile(TypedDict):
     next: list[MoreOfProposal] | None
 
 
-Tell = Callable[[float, str, str], None]  # share of the work done, stage, best candidate so far
+Report = Callable[[float, str, str], None]  # share of the work done, stage, best candidate so far
 
 
 @dataclass(frozen=True)
@@ -199,7 +199,7 @@ def patched(result: Mapping[str, Any]) -> Model:
     return Model(m["robot"], dict(m["overrides"]), [dict(e) for e in listed])
 
 
-def run(job: Job, folder: Path, tell: Tell | None = None) -> dict[str, Any]:
+def run(job: Job, folder: Path, report: Report | None = None) -> dict[str, Any]:
     """Search, and write `RESULT`, `MODEL`, `JOB`, `ARRAYS` and `PAGE` to the folder.
 
     The first four are written as soon as the verdict is known, and again when further results
@@ -211,8 +211,8 @@ def run(job: Job, folder: Path, tell: Tell | None = None) -> dict[str, Any]:
     """
     claim(folder, JOB, JOURNAL, *DRAFTS)
     params = options_of(job)
-    tell = tell or (lambda share, stage, best: None)
-    tell(0.0, "reading", "")
+    report = report or (lambda share, stage, best: None)
+    report(0.0, "reading", "")
     robot, mapping, notes = drafted(job.robot, job.bags, job.mapping, folder)
     job = replace(job, robot=robot, mapping=mapping)
     model, fit, held = read_records(job)
@@ -229,10 +229,10 @@ def run(job: Job, folder: Path, tell: Tell | None = None) -> dict[str, Any]:
             (folder / ARRAYS).unlink(missing_ok=True)
 
     with workflow.memory_of(folder / JOURNAL, model, fit, held, params) as memory:
-        outcome = workflow.find(model, fit, held, params, tell, job.workers, keep, memory)
+        outcome = workflow.find(model, fit, held, params, report, job.workers, keep, memory)
         result = plain(outcome)
         keep(result, latest[0])
-        tell(1.0, "page", "")
+        report(1.0, "page", "")
         from . import page  # needs plotting, which the node `calibrator` does not
 
         ends_early = result["verdict"] == SETUP
@@ -246,10 +246,10 @@ def write_result(job: Job, result: Mapping[str, Any], folder: Path) -> None:
     folder.mkdir(parents=True, exist_ok=True)
     write_json(folder / RESULT, result)
     job.save(folder)
-    beside(patched(result), folder).save(folder / MODEL)
+    relocated(patched(result), folder).save(folder / MODEL)
 
 
-def beside(model: Model, folder: Path) -> Model:
+def relocated(model: Model, folder: Path) -> Model:
     """The model with the path of its robot relative to a folder; a robot's name is kept."""
     if not Path(model.robot).exists():
         return model

@@ -18,10 +18,10 @@ if TYPE_CHECKING:
     from loco_learning.gap.localisation.curves import Curves
 
 Result = Mapping[str, Any]
-MOST = 12  # largest number of rows in the table of cells
+MAX_ROWS = 12  # largest number of rows in the table of cells
 
 
-def plain(value: Any) -> str:
+def cell_text(value: Any) -> str:
     """Text of a table cell for any value of gap.json."""
     if value is None or value == "":
         return "–"
@@ -30,9 +30,9 @@ def plain(value: Any) -> str:
     if isinstance(value, (int, float)):
         return str(value) if isinstance(value, int) else text.number(value)
     if isinstance(value, Mapping):
-        return ", ".join(f"{k} {plain(v)}" for k, v in value.items())
+        return ", ".join(f"{k} {cell_text(v)}" for k, v in value.items())
     if isinstance(value, (list, tuple)):
-        return ", ".join(plain(v) for v in value)
+        return ", ".join(cell_text(v) for v in value)
     return str(value)
 
 
@@ -44,13 +44,13 @@ def rows_of(items: Sequence[Mapping[str, Any]], keys: Sequence[str] = ()) -> Mar
         i for i, k in enumerate(used)
         if all(isinstance(item.get(k), (int, float, type(None))) for item in items)
     ]  # fmt: skip
-    body = [[plain(item.get(k)) for k in used] for item in items]
+    body = [[cell_text(item.get(k)) for k in used] for item in items]
     return table([text.words(k) for k in used], body, numeric)
 
 
 def cells(result: Result) -> Markup:
     """Table of the cells of the gap map, largest first."""
-    items = result["where"][:MOST]
+    items = result["where"][:MAX_ROWS]
     if not items:
         return Markup()
     return html.paragraph(_CELLS, soft=True) + rows_of(items)
@@ -68,10 +68,10 @@ def terms(result: Result) -> Markup:
             text.words(t["effect"]),
             text.place_of(t.get("place")),
             "; ".join(text.sizes(t)),
-            plain(t.get("verdict")),
+            cell_text(t.get("verdict")),
             text.probability(t.get("probability")),
             _share(t.get("closed")),
-            ", ".join(text.words(plain(x)) for x in t.get("look_alikes") or ()),
+            ", ".join(text.words(cell_text(x)) for x in t.get("look_alikes") or ()),
         ]
         for t in items
     ]
@@ -109,7 +109,7 @@ def rivals(result: Result) -> Markup:
         for r in items
     ]
     head = ["Rival", "Place", "Probability", "Share closed"]
-    return html.paragraph(_RIVALS, soft=True) + table(head, body, (3,))
+    return html.paragraph(_RIVALS_NOTE, soft=True) + table(head, body, (3,))
 
 
 def _share(value: Any) -> str:
@@ -146,10 +146,10 @@ def identifiability(result: Result) -> Markup:
         if isinstance(value, list) and value and all(isinstance(v, Mapping) for v in value):
             parts.append(title + rows_of(value))
         elif isinstance(value, Mapping) and value:
-            rows = [[text.words(str(k)), plain(v)] for k, v in value.items()]
+            rows = [[text.words(str(k)), cell_text(v)] for k, v in value.items()]
             parts.append(title + table(["", ""], rows))
         elif value not in (None, [], {}, ""):
-            parts.append(title + html.paragraph(plain(value)))
+            parts.append(title + html.paragraph(cell_text(value)))
     return html.join(parts)
 
 
@@ -213,7 +213,7 @@ def not_tried(result: Result) -> Markup:
 def settings(result: Result) -> Markup:
     """Table of settings and refitted nominal values."""
     rows = [
-        [text.words(str(k)), plain(v)]
+        [text.words(str(k)), cell_text(v)]
         for part in ("settings", "nuisance")
         for k, v in (result.get(part) or {}).items()
     ]
@@ -224,7 +224,7 @@ _CELLS = (
     "The parts of the data that hold most of the gap before. Share: of the whole gap, beyond the "
     "noise floor."
 )
-_RIVALS = (
+_RIVALS_NOTE = (
     "Other models, fitted in the same way. Probability: share of the weight of all models that "
     "were fitted, which sums to 1."
 )

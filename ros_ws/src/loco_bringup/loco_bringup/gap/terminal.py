@@ -12,7 +12,7 @@ from typing import Any
 from loco_control.exceptions import ParameterError
 from loco_learning.gap.setup.contents import SETUP
 
-from ..settings import joined, overrides
+from ..settings import merge, overrides
 from ..terminal import bar, console
 from . import run as runner
 from . import text
@@ -36,13 +36,13 @@ def show_gap(a: argparse.Namespace) -> int:
     with bar("{task.percentage:3.0f} %", "{task.fields[best]}") as progress:
         task, tenths = progress.add_task("reading", total=1.0, best=""), [0]
 
-        def tell(share: float, stage: str, best: str) -> None:
+        def report(share: float, stage: str, best: str) -> None:
             progress.update(task, completed=share, description=stage, best=best)
             if progress.disable and int(10.0 * share) > tenths[0]:  # no terminal: one line per 10 %
                 tenths[0] = int(10.0 * share)
                 sys.stderr.write(f"{10 * tenths[0]:3d} % {stage} {best}".rstrip() + "\n")
 
-        result = runner.run(job, folder, tell)
+        result = runner.run(job, folder, report)
     show(result, folder)
     return 2 if result["verdict"] == SETUP else 0
 
@@ -56,9 +56,9 @@ def job_of(a: argparse.Namespace) -> tuple[runner.Job, Path]:
     choices = {"free": list(a.free), "effects": list(a.effects), "residual": a.residual}
     options = {key: value for key, value in choices.items() if value}
     options |= {} if a.seed is None else {"seed": a.seed}
-    options = joined(options, overrides(a.set, None))
+    options = merge(options, overrides(a.set, None))
     if a.add:
-        return _more(a, options)
+        return _extended_job(a, options)
     options.setdefault("seed", 0)
     if not a.robot:
         raise ParameterError("loco gap wants --robot: a robot, robot.yaml, model.yaml or URDF")
@@ -68,7 +68,7 @@ def job_of(a: argparse.Namespace) -> tuple[runner.Job, Path]:
     return job, a.out or job.default_folder()
 
 
-def _more(a: argparse.Namespace, options: dict[str, Any]) -> tuple[runner.Job, Path]:
+def _extended_job(a: argparse.Namespace, options: dict[str, Any]) -> tuple[runner.Job, Path]:
     """The job of an existing folder of results, with more recordings."""
     if len(a.bags) != 1:
         raise ParameterError("--add takes one folder of results: loco gap DIR --add BAG...")

@@ -37,12 +37,12 @@ def place_of(place: Any) -> str:
     return str(place).replace("*_", "all ").replace("_joint", "").replace("_", " ")
 
 
-def listed(items: Sequence[str], word: str = "and") -> str:
+def listed(items: Sequence[str], conjunction: str = "and") -> str:
     """Items joined as "a, b and c"."""
     items = list(items)
     if len(items) < 2:
         return "".join(items)
-    return f"{', '.join(items[:-1])} {word} {items[-1]}"
+    return f"{', '.join(items[:-1])} {conjunction} {items[-1]}"
 
 
 def term_name(term: Mapping[str, Any]) -> str:

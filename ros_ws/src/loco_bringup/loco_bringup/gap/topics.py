@@ -19,9 +19,9 @@ from . import joint_states
 STATES, COMMAND = "joint_states", "joint_command"
 ROBOT_STATE, MOTION, TRUNK = "robot_state", "motion_command", "trunk_torque"
 IMU, ODOMETRY = "imu/data", "ground_truth/odom"
-KINDS = {"position": "q", "velocity": "dq", "effort": "tau"}
+FIELDS = {"position": "q", "velocity": "dq", "effort": "tau"}
 COMMANDS = {"position": "position", "velocity": "velocity", "effort": "torque"}
-ROLES_OF_JOINTS = (*KINDS.values(), *(f"command_{kind}" for kind in COMMANDS.values()))
+ROLES_OF_JOINTS = (*FIELDS.values(), *(f"command_{kind}" for kind in COMMANDS.values()))
 _JOINTS, _STATE = "sensor_msgs/msg/JointState", "loco_msgs/msg/RobotState"
 
 
@@ -105,7 +105,7 @@ def _standard(bag: Bag, prefix: str) -> tuple[list[Track], list[str]]:
             f"has {', '.join(sorted(bag.topics))} ({how_to_map(bag)})"
         )
     notes: list[str] = []
-    tracks = joint_states.tracks(bag, prefix + STATES, KINDS, notes)
+    tracks = joint_states.tracks(bag, prefix + STATES, FIELDS, notes)
     commands = {field: f"command_{kind}" for field, kind in COMMANDS.items()}
     tracks += joint_states.tracks(bag, prefix + COMMAND, commands, notes)
     if _has(bag, prefix + IMU, "sensor_msgs/msg/Imu"):
@@ -113,13 +113,13 @@ def _standard(bag: Bag, prefix: str) -> tuple[list[Track], list[str]]:
     return tracks, notes
 
 
-def _own_joints(found: list[Track], robot: Robot, notes: list[str]) -> list[Track]:
+def _own_joints(tracks: list[Track], robot: Robot, notes: list[str]) -> list[Track]:
     """Tracks without joints that the robot lacks, if all joints of the robot are present."""
-    extra = sorted({k.place for k in found if k.role in ROLES_OF_JOINTS} - set(robot.joints))
-    if not extra or set(robot.joints) - {k.place for k in found if k.role == "q"}:
-        return found
+    extra = sorted({k.place for k in tracks if k.role in ROLES_OF_JOINTS} - set(robot.joints))
+    if not extra or set(robot.joints) - {k.place for k in tracks if k.role == "q"}:
+        return tracks
     notes.append(Doubt(f"{', '.join(extra)}: not in the model of {robot.name!r} and left out"))
-    return [k for k in found if k.role not in ROLES_OF_JOINTS or k.place not in extra]
+    return [k for k in tracks if k.role not in ROLES_OF_JOINTS or k.place not in extra]
 
 
 def _imu(bag: Bag, topic: str) -> list[Track]:
@@ -184,12 +184,12 @@ def _own_messages(bag: Bag, prefix: str, robot: Robot) -> list[Track]:
 
 
 def _side_by_side(
-    role: str, places: Sequence[str], t: np.ndarray, values: np.ndarray, topic: str
+    role: str, names: Sequence[str], t: np.ndarray, values: np.ndarray, topic: str
 ) -> list[Track]:
-    if values.shape[1] != len(places):
+    if values.shape[1] != len(names):
         raise BagError(
-            f"{topic} has {values.shape[1]} values of {role}, the robot has {len(places)} "
-            f"({', '.join(places)}): another robot was measured"
+            f"{topic} has {values.shape[1]} values of {role}, the robot has {len(names)} "
+            f"({', '.join(names)}): another robot was measured"
         )
-    columns = zip(places, values.T.astype(float), strict=True)
+    columns = zip(names, values.T.astype(float), strict=True)
     return [Track(role, place, t, column, topic) for place, column in columns]

@@ -18,7 +18,7 @@ from . import shm
 from .process_info import start_of
 
 # Longest time for a process to end after each signal [s].
-PATIENCE = ((signal.SIGINT, 10.0), (signal.SIGTERM, 2.0), (signal.SIGKILL, 5.0))
+TIMEOUTS = ((signal.SIGINT, 10.0), (signal.SIGTERM, 2.0), (signal.SIGKILL, 5.0))
 
 
 def send(pid: int, number: int) -> None:
@@ -38,7 +38,7 @@ def end_all(start_times: dict[int, str], share: float = 1.0) -> None:
         start_times: Start time of each process, by pid.
         share: Factor on the usual waiting times, in (0, 1].
     """
-    for number, timeout in ((signal.SIGCONT, PATIENCE[0][1]), *PATIENCE[1:]):
+    for number, timeout in ((signal.SIGCONT, TIMEOUTS[0][1]), *TIMEOUTS[1:]):
         deadline = time.monotonic() + share * timeout
         for pid in _living(start_times):
             send(pid, number)

@@ -15,7 +15,7 @@ from loco_control.reading import read_yaml, understood
 from loco_control.ros.messages.joint_topics import TABLES  # imports ROS
 from loco_learning.runs.experiment import Experiment
 
-from .processes import NEVER, Restart
+from .processes import NO_RESTART, Restart
 
 _FOLDER = "node_sets"
 _PARTS = ("robot", "sim", "effects", "seed", "tick", "gait", "learner", "stance",
@@ -31,7 +31,7 @@ class NodeSpec:
     cls: str  # [FOLDER/]MODULE:CLASS
     parameters: tuple[str, ...]
     executable: str  # for ``ros2 run``, in the package of the class
-    restart: Restart = NEVER  # restart policy
+    restart: Restart = NO_RESTART  # restart policy
 
 
 FAULTS = NodeSpec("faults", "loco_control.ros.fault_node:FaultNode", ("faults",), "faults")
@@ -102,7 +102,7 @@ def _restart(node: str, policy: Any, per_minute: Any) -> Restart:
     if policy not in ("never", "on_failure"):
         raise ParameterError(f"restart of {node} must be never or on_failure, got {policy!r}")
     if policy == "never":
-        return NEVER
+        return NO_RESTART
     per_minute = 3 if per_minute is None else per_minute
     if type(per_minute) is not int or not 1 <= per_minute <= 60:
         raise ParameterError(

@@ -19,7 +19,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from . import shm
-from .guard import PATIENCE, send
+from .guard import TIMEOUTS, send
 from .process_info import start_of
 
 RECORDER = "recorder"  # name of the process that writes the bag
@@ -46,7 +46,7 @@ class Restart:
         return code != 0 and len(recent) < self.per_minute
 
 
-NEVER = Restart()
+NO_RESTART = Restart()
 
 
 class Guard:
@@ -103,7 +103,7 @@ class Process:
         name: str,
         command: list[str],
         log: Path,
-        restart: Restart = NEVER,
+        restart: Restart = NO_RESTART,
         guard: Guard | None = None,
     ):
         self.name, self.log, self.restart = name, log, restart
@@ -149,7 +149,7 @@ class Process:
 
     def stop(self) -> int:
         """End the process: SIGINT, then SIGTERM, then SIGKILL. Returns its exit code."""
-        for number, timeout in PATIENCE:
+        for number, timeout in TIMEOUTS:
             if self.code is not None:
                 break
             send(self.pid, number)
@@ -171,7 +171,7 @@ def start_nodes(
     log: Path,
     guard: Guard,
     namespace: str = "",
-    restart: Restart = NEVER,
+    restart: Restart = NO_RESTART,
 ) -> Process:
     """Start a process of nodes, given as ``module:Class``, with a parameter file."""
     ros = ["--ros-args", "--params-file", str(params)]
@@ -189,7 +189,7 @@ def stop_all(processes: list[Process], guard: Guard | None = None) -> dict[str, 
         group = [p for p in processes if (p.name == RECORDER) == last and p.code is None]
         for process in group:
             send(process.pid, signal.SIGINT)
-        deadline = time.monotonic() + PATIENCE[0][1]
+        deadline = time.monotonic() + TIMEOUTS[0][1]
         while time.monotonic() < deadline and any(p.code is None for p in group):
             time.sleep(0.01)
     codes = {p.name: p.stop() for p in processes}

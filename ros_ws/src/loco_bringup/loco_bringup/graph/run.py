@@ -27,7 +27,7 @@ from ..bag.writer import Limits
 from ..outcome import Outcome, Progress, check_new, describe, duration_of, remove_bag
 from . import node_set
 from .hardware import driven
-from .processes import NEVER, RECORDER, Guard, Process, Restart, start_nodes
+from .processes import NO_RESTART, RECORDER, Guard, Process, Restart, start_nodes
 from .start import StartLimits
 from .watch import Watch
 
@@ -253,7 +253,7 @@ class _Plan:
         ]
 
     def _process(
-        self, name: str, classes: list[str], space: str, params: str, restart: Restart = NEVER
+        self, name: str, classes: list[str], space: str, params: str, restart: Restart = NO_RESTART
     ) -> Process:
         """Start a process of nodes in a namespace, with a parameter file."""
         name, path = f"{space}/{name}".lstrip("/"), self._path("params", params, ".yaml")

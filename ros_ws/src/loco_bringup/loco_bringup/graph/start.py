@@ -12,7 +12,7 @@ from loco_control.exceptions import ParameterError
 
 from .process_info import processor_time, waiting_time
 
-LEAST = 0.05  # smallest share of the time in which a process does not wait for a processor
+MIN_SHARE = 0.05  # smallest share of the time in which a process does not wait for a processor
 
 
 @dataclass(frozen=True)
@@ -92,7 +92,7 @@ class StartMonitor:
         share = 0.0
         for pid, (used, waited) in self._times.items():
             used_before, waited_before = before.get(pid, (0.0, 0.0))
-            had = max(passed - (waited - waited_before), LEAST * passed)
+            had = max(passed - (waited - waited_before), MIN_SHARE * passed)
             share += (used - used_before) / had
         return share
 

@@ -17,7 +17,7 @@ from . import node_set
 from .process_info import node_processes
 
 NAME = "onlooker"  # prefix of the observing node's name, followed by its pid
-SILENT = 3.0  # wall time without diagnostics after which a node counts as silent [s]
+SILENCE_TIMEOUT = 3.0  # wall time without diagnostics after which a node counts as silent [s]
 _NAMING = 2.0  # longest wait for the names of nodes whose endpoints are discovered [s]
 
 
@@ -72,7 +72,7 @@ class View:
     reports: dict[str, Report] = field(default_factory=dict)
     events: tuple[Occurrence, ...] = ()
     processes: dict[str, int] = field(default_factory=dict)  # pids of nodes on this domain, by name
-    silent: float = SILENT  # wall time without diagnostics that counts as silence [s]
+    silent: float = SILENCE_TIMEOUT  # wall time without diagnostics that counts as silence [s]
 
     def namespaces(self) -> list[str]:
         """Namespaces of all endpoints."""
@@ -88,7 +88,7 @@ class View:
         return next((e.pid for e in self.endpoints if e.node == node and e.pid), pid)
 
 
-class Onlooker(GraphClient):
+class GraphObserver(GraphClient):
     """A node that only observes graphs."""
 
     def __init__(self) -> None:
@@ -99,14 +99,14 @@ class Onlooker(GraphClient):
         row = topic("/diagnostics")
         self.node.create_subscription(row.type, row.name, self._on_report, row.qos.reader(100))
 
-    def listen(self, seconds: float, silent: float = SILENT) -> View:
+    def listen(self, seconds: float, silence_timeout: float = SILENCE_TIMEOUT) -> View:
         """Snapshot after listening for some time.
 
         The names of nodes arrive after their endpoints, so up to 2 s more are spent on them.
 
         Args:
             seconds: Wall time to listen for [s].
-            silent: Wall time without diagnostics that counts as silence [s].
+            silence_timeout: Wall time without diagnostics that counts as silence [s].
         """
         end = time.monotonic() + seconds
         while (remaining := end - time.monotonic()) > 0:
@@ -127,7 +127,7 @@ class Onlooker(GraphClient):
             for name, (status, at) in self._reports.items()
         }
         local_nodes = _nodes_of_domain(os.environ.get("ROS_DOMAIN_ID", "0") or "0")
-        return View(tuple(endpoints), reports, tuple(self._events), local_nodes, silent)
+        return View(tuple(endpoints), reports, tuple(self._events), local_nodes, silence_timeout)
 
     def _on_report(self, array: Any) -> None:
         for status in array.status:
@@ -146,11 +146,11 @@ class Onlooker(GraphClient):
             )
 
     def _on_event(self, space: str) -> Any:
-        def heard(event: Any) -> None:
+        def on_event(event: Any) -> None:
             t = event.stamp.sec + event.stamp.nanosec / 1e9
             self._events.append(Occurrence(space, event.node, event.kind, event.text, t))
 
-        return heard
+        return on_event
 
     def _endpoints(self) -> list[Endpoint]:
         node, endpoints = self.node, []

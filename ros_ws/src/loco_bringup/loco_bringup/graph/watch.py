@@ -19,7 +19,7 @@ from loco_control.ros.messages.joint_topics import TABLES
 from loco_control.ros.messages.topics import topic
 
 from ..client import GraphClient
-from ..outcome import KEPT, Outcome, Progress
+from ..outcome import LIMIT, Outcome, Progress
 from .processes import Guard, Process, stop_all
 from .start import StartLimits, StartMonitor
 
@@ -49,7 +49,7 @@ class _Graph:
     table: str  # key of the topic table
     started: bool = False
     alone: bool = False  # no other process wrote its topics at the start
-    ends: deque[_End] = field(default_factory=lambda: deque(maxlen=KEPT))  # also of others
+    ends: deque[_End] = field(default_factory=lambda: deque(maxlen=LIMIT))  # also of others
     sim_time: float = 0.0
     recorder_tick: int = -1
 
@@ -199,7 +199,7 @@ class Watch:
         for status in array.status:
             values = {v.key: v.value for v in status.values}
             waits = [values[key] for key in ("waiting for", "waiting for nodes") if values.get(key)]
-            if waits and self._waiting.get(status.name) != waits[-1] and len(self._waiting) < KEPT:
+            if waits and self._waiting.get(status.name) != waits[-1] and len(self._waiting) < LIMIT:
                 self._waiting[status.name] = waits[-1]
                 self._start.advance()
             granted = filter(None, values.get("realtime", "").split("; "))

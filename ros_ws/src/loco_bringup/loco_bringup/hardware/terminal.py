@@ -54,12 +54,12 @@ def simulate(a: argparse.Namespace) -> int:
         console.print(f"servos of {a.robot} at {bus.port}; wiring file {out}")
         start_time = time.monotonic()
 
-        def ended() -> bool:
+        def is_done() -> bool:
             t = time.monotonic() - start_time
             failing.apply(bus, t)
             return 0.0 < a.seconds <= t
 
-        bus.serve(ended)
+        bus.serve(is_done)
     except KeyboardInterrupt:
         pass
     finally:

@@ -125,7 +125,7 @@ class GapGoal(Goal):
         )  # fmt: skip
 
 
-def find(job: runner.Job, records: list[Record], on_progress: runner.Tell) -> Mapping[str, Any]:
+def find(job: runner.Job, records: list[Record], on_progress: runner.Report) -> Mapping[str, Any]:
     """Search in the worker process, with live records in place of bags."""
     if not records:
         model, fit, held = runner.read_records(job)

@@ -36,7 +36,7 @@ from ..report.live_log import MEASURED, MODEL
 
 FOREVER = 1e5  # simulated duration of robots that are stopped by the client [s]
 RESULT = "model.yaml"
-PATIENCE = 30.0  # wall time for a busy calibrator to publish the last gaps [s]
+RESULT_TIMEOUT = 30.0  # wall time for a busy calibrator to publish the last gaps [s]
 
 
 @dataclass(frozen=True)
@@ -98,7 +98,7 @@ class LiveOutcome:
         return 130 if self.run.interrupted else 0 if self.status in ("done", "cancelled") else 1
 
 
-Tell = Callable[[LiveProgress], Any]  # a true return value cancels the calibration
+OnProgress = Callable[[LiveProgress], Any]  # a true return value cancels the calibration
 
 
 def run_live(
@@ -108,7 +108,7 @@ def run_live(
     folder: Path,
     options: Any,
     live: LiveParams | None = None,
-    on_progress: Tell = lambda progress: None,
+    on_progress: OnProgress = lambda progress: None,
 ) -> LiveOutcome:
     """Mend a model of a running robot, and record both in one bag.
 
@@ -188,7 +188,7 @@ class Client(GraphClient):
     NAME = ""  # name of the action
 
     def __init__(
-        self, options: Any, period: float, robot: str, live: LiveParams, on_progress: Tell
+        self, options: Any, period: float, robot: str, live: LiveParams, on_progress: OnProgress
     ):
         super().__init__("live_calibration")
         self._options, self._period, self._robot = options, period, robot
@@ -284,7 +284,7 @@ class Client(GraphClient):
         self.progress.phase = self.status
         self._told = len(self.progress.gaps)
         self._until = self.progress.sim_time + (3 * self._live.after + 5) * self._period
-        self._patient_until = time.monotonic() + PATIENCE
+        self._patient_until = time.monotonic() + RESULT_TIMEOUT
 
     def outcome(self, run: Outcome) -> LiveOutcome:
         """Outcome of the calibration; writes the calibrated model beside the bag."""

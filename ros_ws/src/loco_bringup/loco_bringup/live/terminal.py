@@ -28,7 +28,7 @@ def show_calibration(a: argparse.Namespace) -> int:
     """
     if a.bag is not None:
         raise ParameterError("loco calibrate takes either a bag or --live")
-    refuse(a, ("validate", "scheduler"))
+    reject_options(a, ("validate", "scheduler"))
     return show(a, runner.Calibration, options(a), a.robot)
 
 
@@ -38,12 +38,12 @@ def show_gap(a: argparse.Namespace) -> int:
     Raises:
         LocoError: An option is wrong or not available in a live search.
     """
-    refuse(a, ("bags", "hold_out", "add", "mapping"))
+    reject_options(a, ("bags", "hold_out", "add", "mapping"))
     values = {"seed": a.seed or 0, "effects": a.effects, "free": a.free}
     return show(a, runner.GapSearch, values, a.robot)
 
 
-def refuse(a: argparse.Namespace, names: Sequence[str]) -> None:
+def reject_options(a: argparse.Namespace, names: Sequence[str]) -> None:
     """Raise a `ParameterError` for options that are not available live."""
     for name in names:
         if getattr(a, name):

@@ -21,7 +21,7 @@ from loco_control.files import whole_folder
 from loco_control.reading import within
 from loco_learning.gap.recordings import tables
 
-from ..bag.foreign.opening import beside, name_of, open_bag
+from ..bag.foreign.opening import name_of, open_bag, result_path
 from ..bag.reader import Bag
 
 FORMATS = ("npz", "csv")
@@ -53,7 +53,7 @@ def export(
     """
     if form not in FORMATS:
         raise ParameterError(f"format must be one of {', '.join(FORMATS)}, got {form!r}")
-    default = bag.folder / "export" if isinstance(bag, Bag) else beside(Path(bag), "export")
+    default = bag.folder / "export" if isinstance(bag, Bag) else result_path(Path(bag), "export")
     folder = Path(out) if out else default
     if not isinstance(bag, Bag) and tables.is_table(Path(bag)):
         return [_export_table(tables.read(bag), folder, form)]
@@ -88,7 +88,7 @@ def _export_one(bag: Bag, name: str, folder: Path, form: str) -> Path:
     table = columns(bag, name)
     if table is None:
         return _write_lines(bag, name, folder / f"{stem}.jsonl")
-    path, constants = folder / f"{stem}.{form}", texts(bag, name)
+    path, constants = folder / f"{stem}.{form}", text_fields(bag, name)
     if form == "npz":
         np.savez(path, **table, **{field: np.array(text) for field, text in constants.items()})
     else:
@@ -121,7 +121,7 @@ def columns(bag: Bag, name: str) -> dict[str, np.ndarray] | None:
     return {TIME: bag.times(name) / 1e9, **fields}
 
 
-def texts(bag: Bag, name: str) -> dict[str, str | list[str]]:
+def text_fields(bag: Bag, name: str) -> dict[str, str | list[str]]:
     """Texts and lists of texts of the first message of a topic by path, without empty ones."""
     result: dict[str, str | list[str]] = {}
 
@@ -136,7 +136,7 @@ def texts(bag: Bag, name: str) -> dict[str, str | list[str]]:
         for key, inside in items:
             add(inside, f"{path}.{key}" if path else key)
 
-    add(plain(bag.message(name, bag.raw(name)[1][0])), "")
+    add(to_plain(bag.message(name, bag.raw(name)[1][0])), "")
     return result
 
 
@@ -162,10 +162,10 @@ def _texts_agree(bag: Bag, name: str, records: np.ndarray) -> bool:
 
 
 def _write_csv(
-    path: Path, found: dict[str, np.ndarray], constants: dict[str, str | list[str]]
+    path: Path, columns: dict[str, np.ndarray], constants: dict[str, str | list[str]]
 ) -> None:
     head, series, used = [], [], set[str]()
-    for name, values in found.items():
+    for name, values in columns.items():
         if values.ndim == 1:
             head.append(name)
             series.append(values.tolist())
@@ -190,19 +190,19 @@ def _write_lines(bag: Bag, name: str, path: Path) -> Path:
     times, data = bag.raw(name)
     with open(path, "w") as stream:
         for t, message in zip(times.tolist(), data, strict=True):
-            content = plain(bag.message(name, message))
+            content = to_plain(bag.message(name, message))
             stream.write(json.dumps({TIME: t / 1e9, **content}) + "\n")
     return path
 
 
-def plain(value: Any) -> Any:
+def to_plain(value: Any) -> Any:
     """A message as numbers, strings, lists and dictionaries, ready for JSON."""
     if hasattr(value, "get_fields_and_field_types"):
-        return {name: plain(getattr(value, name)) for name in value.get_fields_and_field_types()}
+        return {name: to_plain(getattr(value, name)) for name in value.get_fields_and_field_types()}
     if isinstance(value, np.ndarray):
         return value.tolist()
     if isinstance(value, (list, tuple, array)):
-        return [plain(v) for v in value]
+        return [to_plain(v) for v in value]
     if isinstance(value, bytes):
         return list(value)
     return value

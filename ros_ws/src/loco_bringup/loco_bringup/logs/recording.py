@@ -27,7 +27,7 @@ from ..gap.fields import FieldSource
 from ..gap.importing import mapping_of
 from .bag_log import read_log
 
-OWN = "experiment.yaml"  # attachment of the runs of loco
+RUN = "experiment.yaml"  # attachment of the runs of loco
 COMMAND = {"q": "command_position", "dq": "command_velocity", "tau": "command_torque"}
 
 
@@ -85,7 +85,7 @@ def is_foreign(path: Path) -> bool:
         return path.exists()
     bag = open_bag(path)
     types = [topic.type for topic in bag.topics.values()]
-    return OWN not in bag.attachments() and not any(t.startswith("loco_msgs/") for t in types)
+    return RUN not in bag.attachments() and not any(t.startswith("loco_msgs/") for t in types)
 
 
 @understood("whole recording")
@@ -110,7 +110,7 @@ def read(
     bag, notes = None, list[str]()
     if suffix_of(path):
         bag = open_bag(path)
-        if OWN in bag.attachments():
+        if RUN in bag.attachments():
             return of_log(name_of(path), read_log(bag))
     elif not path.is_file() or not tables.is_table(path):
         raise ParameterError(f"{path} is neither a bag nor a table; of a folder name one file")

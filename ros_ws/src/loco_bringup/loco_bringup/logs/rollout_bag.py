@@ -102,7 +102,7 @@ def write_messages(log: Log, writer: BagWriter) -> None:
     by_topic, every = encoders(robot), {}
     # Standard messages at their own rates; without a gait the first two are in every tick already.
     for name in VIEWED if log.experiment.gait else VIEWED[-2:]:
-        encode[name] = lambda said, pack=by_topic[name]: pack(said["state"], said["truth"])
+        encode[name] = lambda row, pack=by_topic[name]: pack(row["state"], row["truth"])
         rate = table[name].rate or 1.0 / log.dt
         every[name] = max(1, round(1.0 / (log.dt * rate)))
     paths = {name: name if name.startswith("/") else f"/{name}" for name in (*encode, DESCRIPTION)}

@@ -77,8 +77,8 @@ def document(title: str, header: Markup, parts: Iterable[Part]) -> str:
     """A complete page without references to external addresses."""
     page, parts = _TEMPLATES.get_template("page.html"), list(parts)
     plotted = any('<figure class="plot"' in text for text in [header, *(p.content for p in parts)])
-    texts = {"title": title, "header": header, "version": __version__}
-    return page.render(texts, parts=parts, plotted=plotted, **_uplot())
+    fields = {"title": title, "header": header, "version": __version__}
+    return page.render(fields, parts=parts, plotted=plotted, **_uplot())
 
 
 @functools.lru_cache(maxsize=1)

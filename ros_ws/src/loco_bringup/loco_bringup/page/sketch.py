@@ -15,21 +15,21 @@ from loco_sim.robot.robot import Robot
 
 # View from the right, slightly from above: forward points right, the left side lies behind.
 VIEW = np.array([[1.0, 0.3, 0.0], [0.0, -0.22, -1.0]])
-WIDTH, HEIGHT, EDGE = 360.0, 230.0, 26.0  # size and margin of the drawing [pixel]
+WIDTH, HEIGHT, MARGIN = 360.0, 230.0, 26.0  # size and margin of the drawing [pixel]
 
 
-def marked(robot: Robot, places: Sequence[str]) -> set[str]:
+def marked(robot: Robot, names: Sequence[str]) -> set[str]:
     """Links at the given places: named links, and links moved by named joints.
 
     Args:
         robot: The robot.
-        places: Names of links, joints or feet; ``*`` and ``[lr]`` are wildcards.
+        names: Names of links, joints or feet; ``*`` and ``[lr]`` are wildcards.
     """
     links_marked = set()
     for joint, _, child in _joints(robot):
-        links_marked |= {child for place in places if fnmatchcase(joint, place)}
+        links_marked |= {child for place in names if fnmatchcase(joint, place)}
     links = {link for _, *pair in _joints(robot) for link in pair}
-    return links_marked | {link for link in links for place in places if fnmatchcase(link, place)}
+    return links_marked | {link for link in links for place in names if fnmatchcase(link, place)}
 
 
 def drawing(robot: Robot, links: Collection[str], where: str) -> Markup:
@@ -49,7 +49,7 @@ def drawing(robot: Robot, links: Collection[str], where: str) -> Markup:
         bones.append((link, f"{link} centre"))
     positions = np.array(list(points.values()))
     low, size = positions.min(axis=0), np.ptp(positions, axis=0)
-    extent = np.array([WIDTH - 2 * EDGE, HEIGHT - 2 * EDGE])
+    extent = np.array([WIDTH - 2 * MARGIN, HEIGHT - 2 * MARGIN])
     scale = float(np.min(extent / np.maximum(size, 1e-3 + 0.02 * size.max())))
     start = (np.array([WIDTH, HEIGHT]) - scale * size) / 2.0
     at = {link: start + scale * (point - low) for link, point in points.items()}

@@ -13,7 +13,7 @@ from rclpy.serialization import deserialize_message
 from loco_control.exceptions import LocoError
 from loco_control.ros.messages.codec import Codec
 
-KEPT = 20  # largest number of differences stored per topic
+MAX_DIFFERENCES = 20  # largest number of differences stored per topic
 
 
 @dataclass(frozen=True)
@@ -89,7 +89,7 @@ class Comparison:
         if not differences:
             return
         verdict.different[topic] += 1
-        free = KEPT - self._counts[topic]
+        free = MAX_DIFFERENCES - self._counts[topic]
         verdict.first += differences[: max(free, 0)]
         self._counts[topic] += len(differences)
 

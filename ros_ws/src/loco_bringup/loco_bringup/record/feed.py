@@ -34,8 +34,8 @@ class Feed(GraphClient):
 
     Args:
         steps: The recording.
-        said: Topic rows of the published topics.
-        heard: Topic rows of the topics that the controllers publish.
+        plant_topics: Topic rows of the published topics.
+        controller_topics: Topic rows of the topics that the controllers publish.
         key_of: Function from the bytes of a message to the number of its tick.
         comparison: Comparison that receives the answers.
         namespace: Namespace of the controllers.
@@ -44,8 +44,8 @@ class Feed(GraphClient):
     def __init__(
         self,
         steps: list[Step],
-        said: list[Topic],
-        heard: list[Topic],
+        plant_topics: list[Topic],
+        controller_topics: list[Topic],
         key_of: Callable[[bytes], int],
         comparison: Comparison,
         namespace: str = "",
@@ -57,14 +57,14 @@ class Feed(GraphClient):
         self._ready: set[str] = set()
         self._n_ready = 0  # ready nodes already counted as progress
         self._moved = time.monotonic()
-        self._readers = {row.name: set(row.readers) for row in said}
+        self._readers = {row.name: set(row.readers) for row in plant_topics}
         self._error = ""
         self._unheard = 0  # operator messages not acknowledged yet
         self._outputs = {
             row.name: self.node.create_publisher(row.type, row.name, row.qos.writer())
-            for row in said
+            for row in plant_topics
         }
-        for row in heard:
+        for row in controller_topics:
             self.node.create_subscription(
                 row.type, row.name, self._receiver(row.name), row.qos.reader(), raw=True
             )

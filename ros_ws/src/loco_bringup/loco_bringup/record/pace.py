@@ -95,12 +95,12 @@ class Pace:
                 f"slower and quit; got {text!r}"
             ) from None
 
-    def wait(self, t: float, idle: Callable[[float], None]) -> bool:
+    def wait(self, t: float, on_wait: Callable[[float], None]) -> bool:
         """Wait until the message of time `t` [s] is due; returns False after the command quit.
 
         Args:
             t: Seconds from the start of the bag.
-            idle: Called with a remaining time [s], in short slices; it may receive commands.
+            on_wait: Called with a remaining time [s], in short slices; it may receive commands.
         """
         while True:
             key = self._keys.pressed() if self._keys else ""
@@ -112,7 +112,7 @@ class Pace:
             if remaining <= 0.0:
                 self._newest = t
                 return True
-            idle(min(remaining, _SLICE))
+            on_wait(min(remaining, _SLICE))
 
     def _left(self, t: float) -> float:
         """Wall time until a message is due [s]; one step covers all messages of the same time."""

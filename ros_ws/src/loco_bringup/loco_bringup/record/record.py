@@ -79,7 +79,7 @@ def record(
         client.close()
         writer.custom["log_time"] = "stamp" if stamps else "arrival"
         writer.close()
-    return _tell(tap, writer)
+    return _print_summary(tap, writer)
 
 
 def _spin(client: GraphClient, tap: Tap, duration: float, messages: int) -> None:
@@ -95,7 +95,7 @@ def _spin(client: GraphClient, tap: Tap, duration: float, messages: int) -> None
             return
 
 
-def _tell(tap: Tap, writer: BagWriter) -> int:
+def _print_summary(tap: Tap, writer: BagWriter) -> int:
     count, _ = writer.kept
     console.print(f"{count} messages of {len(tap.counts)} topics: {writer.folder}")
     for name, reason in tap.refused.items():
@@ -165,8 +165,8 @@ class Tap:
         text, hash_ = definition(types[0]), type_hash(types[0])
         fields = list(kind.get_fields_and_field_types().items())
         stamped = fields and fields[0][1] in ("builtin_interfaces/Time", "std_msgs/Header")
-        offered = [offer.qos_profile for offer in offers]
-        profiles = [qos_dict(*kind_of(qos), qos.depth or 1) for qos in offered]
+        offered_profiles = [offer.qos_profile for offer in offers]
+        profiles = [qos_dict(*kind_of(qos), qos.depth or 1) for qos in offered_profiles]
         self.writer.add_topic(name, types[0], text, hash_, profiles)
         self.counts[name] = 0
 

@@ -72,7 +72,7 @@ class RecorderNode(LocoNode):
             for row in topics_by_space[robot.namespace]:
                 self._subscribe(robot, row)
                 if row.name in self.faulted:
-                    self._subscribe(robot, _heard(row))
+                    self._subscribe(robot, _damaged_copy(row))
         self.create_timer(0.1, self._tell_if_new)
         self.create_timer(1.0, self.writer.flush)
         self.create_timer(1.0, self._tell_again)
@@ -271,13 +271,13 @@ def _merged(graphs: list[tuple[str, str]], faulted: set[str]) -> dict[str, Topic
     merged = {}
     for space, table in graphs:
         rows = TABLES[table].values()
-        for row in [*rows, *(_heard(row) for row in rows if row.name in faulted)]:
+        for row in [*rows, *(_damaged_copy(row) for row in rows if row.name in faulted)]:
             name = _key(space, row.name)
             merged[name] = dataclasses.replace(row, name=name)
     return merged
 
 
-def _heard(row: Topic) -> Topic:
+def _damaged_copy(row: Topic) -> Topic:
     """Row of the damaged copy of a topic, which the readers receive; its ticks are not counted."""
     return dataclasses.replace(row, name=faulty(row.name), writer=FAULTS, rate=0.0)
 

@@ -179,7 +179,7 @@ class _Plan:
         if received:
             messages = {}
             for message, raw in zip(self._bag.messages(row.name), data, strict=True):
-                messages |= dict.fromkeys(_said(message), raw)
+                messages |= dict.fromkeys(_event_texts(message), raw)
             pairs = [(tick, messages.get(value)) for tick, value in received]
         else:
             starts = [round(step.tick * 1e9 / self._experiment.control_rate) for step in steps]
@@ -220,7 +220,7 @@ def _tick(data: bytes) -> int:
     return int.from_bytes(data[TICK], "little")
 
 
-def _said(message: Any) -> tuple[str, ...]:
+def _event_texts(message: Any) -> tuple[str, ...]:
     """Possible texts of the event ``heard`` for an operator message.
 
     For a twist, controllers of earlier versions reported only the speed.

@@ -21,7 +21,7 @@ def verify_bag(a: argparse.Namespace) -> int:
     """`loco replay --verify`: exit code 0 if all answers are identical, else 1."""
     changes = overrides(a.set, None)
     verdict = show_verify(
-        a.bag, lambda tell: verify(a.bag, a.layout, a.nodes, changes, a.tolerance, tell)
+        a.bag, lambda report: verify(a.bag, a.layout, a.nodes, changes, a.tolerance, report)
     )
     if a.json:
         a.json.write_text(json.dumps(verdict.to_dict(), indent=1))

@@ -35,7 +35,7 @@ HEAD = ("Readout", "Trials", "Speed [m/s]", "Cost of transport", "Falls")
 def write(
     experiment: Experiment,
     params: ReinforceParams,
-    found: Learnt,
+    learnt: Learnt,
     trials: dict[str, dict[str, Row]],
     folder: Path,
 ) -> Path:
@@ -49,15 +49,15 @@ def write(
             ),
             html.cards(
                 [
-                    ("Return before", html.number(found.first), ""),
-                    ("Return after", html.number(found.value), f"after update {found.update}"),
-                    ("Simulated time", f"{found.seconds:.0f}", "s"),
+                    ("Return before", html.number(learnt.first), ""),
+                    ("Return after", html.number(learnt.value), f"after update {learnt.update}"),
+                    ("Simulated time", f"{learnt.seconds:.0f}", "s"),
                 ]
             ),
         ]
     )
     sections = [
-        html.part("Learning", lambda: html.figure(curve(found), "Learning", CURVE)),
+        html.part("Learning", lambda: html.figure(curve(learnt), "Learning", CURVE)),
         html.part("Trials", lambda: _trials(trials)),
         html.part("Settings", lambda: html.yaml_block(to_dict(params)), long=True),
     ]
@@ -65,9 +65,9 @@ def write(
     return write_whole(folder / NAME, text)
 
 
-def curve(found: Learnt) -> Plot:
+def curve(learnt: Learnt) -> Plot:
     """Return, speed, cost of transport and falls over the simulated time."""
-    c, blue, red = found.course, PALETTE[0], PALETTE[1]
+    c, blue, red = learnt.course, PALETTE[0], PALETTE[1]
     panels = [
         Panel(
             "return [-]",

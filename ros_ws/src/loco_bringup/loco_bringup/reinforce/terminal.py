@@ -33,7 +33,7 @@ def run(a: argparse.Namespace) -> int:
     updates, seconds = learn.cost_of(experiment, params)
     folder = a.out or within("results", f"{experiment.name}_reinforce", "name of an experiment")
     check_writable(folder)
-    begin(experiment, folder, a.weights, a.zero)
+    start_learning(experiment, folder, a.weights, a.zero)
     console.print(
         f"{experiment.name}: {updates} updates of {params.batch + 1} episodes, at most "
         f"{seconds:g} s of simulated time"
@@ -46,7 +46,7 @@ def run(a: argparse.Namespace) -> int:
 
         result = learn.learn(experiment, params, folder, a.workers, show_progress)
     paths = learn.write(experiment, params, folder, result.readout, a.test)
-    trials = a.trials and tried(experiment, params.lead, folder, TrialParams(count=a.trials))
+    trials = a.trials and run_trials(experiment, params.lead, folder, TrialParams(count=a.trials))
     if trials:
         console.print(compared(trials))
     paths.append(page.write(experiment, params, result, trials or {}, folder))
@@ -59,7 +59,7 @@ def run(a: argparse.Namespace) -> int:
     return 0
 
 
-def begin(experiment: Experiment, folder: Path, weights: Path | None, zero: bool) -> None:
+def start_learning(experiment: Experiment, folder: Path, weights: Path | None, zero: bool) -> None:
     """Write the initial readout, unless the folder already has it with a record of the learning.
 
     Raises:
@@ -90,7 +90,7 @@ def line(p: Progress) -> str:
     return f"{text}, {p.falls} fell" if p.falls else text
 
 
-def tried(
+def run_trials(
     experiment: Experiment, lead: float, folder: Path, params: TrialParams
 ) -> dict[str, dict[str, Row]]:
     """Trials of the readout, by ``before`` or ``after`` and by condition."""

@@ -35,7 +35,7 @@ from .joint_figures import short
 from .parts import label, unit
 
 PAGE = Path("results/compare.html")
-MOST = 2 * len(PALETTE)  # largest number of runs; those after the first colours are dashed
+LIMIT = 2 * len(PALETTE)  # largest number of runs; those after the first colours are dashed
 
 
 def show_comparison(a: argparse.Namespace) -> int:
@@ -59,13 +59,13 @@ def read_runs(bags: list[Path]) -> dict[str, Log]:
     """Logs of runs, by the name of their bag.
 
     Raises:
-        ParameterError: There are fewer than two runs or more than `MOST`, two with the same name,
+        ParameterError: There are fewer than two runs or more than `LIMIT`, two with the same name,
             or runs of different robots or control periods.
         BagError: A bag is no run of a robot.
     """
     names = [bag.resolve().name for bag in bags]
-    if not 2 <= len(bags) <= MOST:
-        raise ParameterError(f"name 2 to {MOST} bags to compare, got {len(bags)}")
+    if not 2 <= len(bags) <= LIMIT:
+        raise ParameterError(f"name 2 to {LIMIT} bags to compare, got {len(bags)}")
     if len(set(names)) < len(names):
         raise ParameterError(f"bags of one name cannot be told apart: {', '.join(names)}")
     logs = {name: read_log(open_bag(bag)) for name, bag in zip(names, bags, strict=True)}
@@ -171,9 +171,9 @@ def sentence(one: Compared) -> str:
     return f"{where}: {names or 'nothing'} differs, of {n_assessed} metrics."
 
 
-def _short(here: blocks.Window) -> str:
-    lasts = html.number(here.ticks * here.dt)
-    return f"“{here.phase}” lasts {lasts} s, {html.number(here.needed)} s are enough"
+def _short(window: blocks.Window) -> str:
+    lasts = html.number(window.ticks * window.dt)
+    return f"“{window.phase}” lasts {lasts} s, {html.number(window.needed)} s are enough"
 
 
 def _card(row: blocks.Difference, one: Compared) -> tuple[str, str, str]:

@@ -25,7 +25,7 @@ from ..record.readout_check import ReadoutCheck
 WINDOW = 1.5  # length of the initial view of a plot [s]
 STRIDES = 6  # number of strides in a foot cycle or an animation
 SHOWN_TICKS = 200  # initially displayed ticks of the readout check
-JOINED = 0.2  # largest pause of learning that the timeline omits [s]
+MAX_PAUSE = 0.2  # largest pause of learning that the timeline omits [s]
 # Colours of the bars of phases, stronger than the tints behind signals.
 PHASE_COLOURS = {"stand": "#c9c9c9", "train": "#8cb8dc", "closing": "#f0cf86", "test": "#8fcfae"}
 PHASE_COLOURS[OPEN] = PHASE_COLOURS["train"]
@@ -129,7 +129,7 @@ def timeline(log: Log) -> Chart:
     ):
         layers.append(bars(name, style.flag_spans(log.t, flags, log.dt), 1, color))
     learning = style.flag_spans(log.t, log.learning.astype(bool), log.dt)
-    layers.append(bars("learns", _joined(learning), 2, style.OTHER))
+    layers.append(bars("learns", _merge(learning), 2, style.OTHER))
     for index, name in enumerate(ESTIMATORS):
         flags = style.flag_spans(log.t, log.estimator == index, log.dt)
         layers.append(bars(f"stance from {name.upper()}", flags, 3, (GREY, "#e69f00")[index]))
@@ -141,13 +141,13 @@ def timeline(log: Log) -> Chart:
         end = float(log.t[-1])
         layers.append(line("fall", [end, end], [-0.5, len(lanes) - 0.5], style.BOUND, size=3.0))
     # The first lane is at the top.
-    layers = [turned(layer, len(lanes)) for layer in layers]
+    layers = [transpose(layer, len(lanes)) for layer in layers]
     span = (float(log.t[0]), float(log.t[-1]) + log.dt)
     axes = Axis("time [s]", limits=span), Axis("signal", names=lanes[::-1])
     return Chart([Frame(*axes, layers, height=60 + 30 * len(lanes))])
 
 
-def turned(layer: Layer, lanes: int) -> Layer:
+def transpose(layer: Layer, lanes: int) -> Layer:
     """A layer with inverted lanes, so that lane 0 is at the top of an axis of names.
 
     Args:
@@ -159,7 +159,7 @@ def turned(layer: Layer, lanes: int) -> Layer:
     return dataclasses.replace(layer, y=lanes - 1.0 - layer.top, top=lanes - 1.0 - layer.y)
 
 
-def _joined(spans: list[tuple[float, float]], gap: float = JOINED) -> list[tuple[float, float]]:
+def _merge(spans: list[tuple[float, float]], gap: float = MAX_PAUSE) -> list[tuple[float, float]]:
     """Intervals (start, length) [s]; intervals less than `gap` [s] apart are merged."""
     merged: list[tuple[float, float]] = []
     for start, length in spans:

@@ -17,7 +17,7 @@ from ..page import style
 from ..page.plot import Line, Panel, Plot
 from . import figures
 
-MOST = 12  # largest number of joints in one plot
+MAX_JOINTS = 12  # largest number of joints in one plot
 
 
 CHAPTERS, chapter = style.chapters()
@@ -54,7 +54,7 @@ def driven_joints(log: Log) -> Plot:
             f"{short(plant.joints[joint])} [rad]",
             figures.tracked(log.target[:, i], log.command[:, i], log.q[:, joint]),
         )
-        for i, joint in enumerate(plant.driven[:MOST])
+        for i, joint in enumerate(plant.driven[:MAX_JOINTS])
     ]
     return Plot(log.t, panels, style.spans(log), view=figures.close_look(log))
 
@@ -67,7 +67,7 @@ def passive(log: Log) -> Plot:
     springs and the ground.
     """
     plant = log.experiment.plant
-    joints = passive_joints(plant)[:MOST]
+    joints = passive_joints(plant)[:MAX_JOINTS]
     if not len(joints):
         raise BagError("every joint of this robot has a drive")
     panels = [

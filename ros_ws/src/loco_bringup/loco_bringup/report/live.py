@@ -33,7 +33,7 @@ def page(run: LiveRun) -> str:
     ]
     if not run.names_gap:
         drawn.append(Chapter("Search", _SEARCH, search))
-    result = ("What was found", found) if run.names_gap else ("Parameters", parameters)
+    result = ("What was found", gap_table) if run.names_gap else ("Parameters", parameters)
     return document(
         "Live gap" if run.names_gap else "Live calibration",
         header(run),
@@ -142,7 +142,7 @@ def parameters(run: LiveRun) -> Markup:
     return html.table(["Parameter", "Unit", "Default", "Calibrated"], rows, range(2, 4))
 
 
-def found(run: LiveRun) -> Markup:
+def gap_table(run: LiveRun) -> Markup:
     """Tables of terms and alternatives of the search, as on the page of `loco gap`."""
     if not run.states[-1].gap_json:
         raise BagError("the search ended without a result")

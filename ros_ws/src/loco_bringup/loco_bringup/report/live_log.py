@@ -18,22 +18,22 @@ from ..calibrate.bag import read_recording
 
 MEASURED, MODEL = "measured", "model"  # namespaces
 TOPICS = ("/gap", f"/{MEASURED}/joint_states", f"/{MODEL}/joint_states")
-SAID = ("/calibration", "/gap_search")  # state topics of the calibrator, one of them per run
+STATES = ("/calibration", "/gap_search")  # state topics of the calibrator, one of them per run
 SETTLE = 1.5  # periods ignored after the start; half as many after a change of model
 
 
 def is_live(bag: Bag) -> bool:
     """Whether the bag contains a live calibration or a live search for a gap."""
-    return not _missing(bag) and bool(_said(bag))
+    return not _missing(bag) and bool(_state_topic(bag))
 
 
 def _missing(bag: Bag) -> list[str]:
     return [name for name in TOPICS if name not in bag.topics or not bag.topics[name].count]
 
 
-def _said(bag: Bag) -> str:
+def _state_topic(bag: Bag) -> str:
     """State topic of the calibrator; empty if it has no messages."""
-    return next((n for n in SAID if n in bag.topics and bag.topics[n].count), "")
+    return next((n for n in STATES if n in bag.topics and bag.topics[n].count), "")
 
 
 @dataclass(frozen=True)
@@ -103,7 +103,7 @@ def read_live(bag: Bag) -> LiveRun:
     Raises:
         BagError: The bag lacks one of `TOPICS`, or the measured robot has no complete period.
     """
-    missing = _missing(bag) or ([] if _said(bag) else [" or ".join(SAID)])
+    missing = _missing(bag) or ([] if _state_topic(bag) else [" or ".join(STATES)])
     if missing:
         raise BagError(f"{bag.path} has no messages on {', '.join(missing)}; it is no live run")
     experiments = {
@@ -124,7 +124,7 @@ def read_live(bag: Bag) -> LiveRun:
         _periods(robots[MODEL], joints, settle_time, first),
         _periods(robots[MODEL], joints, last + 0.5 * settle_time, np.inf),
         swaps, np.array([(_time(m), m.gap, m.model, m.mixed) for m in bag.messages("/gap")]),
-        bag.messages(_said(bag)),
+        bag.messages(_state_topic(bag)),
     )  # fmt: skip
 
 

@@ -15,7 +15,7 @@ from ..page.plot import Line, Panel, Plot
 from . import figures
 from .figures import chapter
 
-SLOW = 0.03  # speed below which the cost of transport is meaningless [m/s]
+MIN_SPEED = 0.03  # speed below which the cost of transport is meaningless [m/s]
 
 
 @chapter("Ground reaction forces")
@@ -62,7 +62,7 @@ def gait_diagram(log: Log) -> Chart:
         Axis("time [s]", limits=(float(t[0]), float(t[-1]) + log.dt)),
         Axis("leg", names=[leg.upper() for leg in reversed(LEGS)]),
     )
-    return Chart([Frame(*axes, [figures.turned(layer, 4) for layer in layers])])
+    return Chart([Frame(*axes, [figures.transpose(layer, 4) for layer in layers])])
 
 
 @chapter("Foot cycles")
@@ -108,7 +108,7 @@ def power_and_cost(log: Log) -> Plot:
     positive = signals.moving_mean(np.maximum(each, 0.0).sum(axis=1), window)
     speed = signals.moving_mean(quantities.heading_speed(log), window)
     weight = log.experiment.trunk.mass * signals.GRAVITY
-    fast = np.where(np.abs(speed) > SLOW, np.abs(speed), np.nan)
+    fast = np.where(np.abs(speed) > MIN_SPEED, np.abs(speed), np.nan)
     panels = [
         Panel("power [W]", _powers(positive, signed)),
         Panel(

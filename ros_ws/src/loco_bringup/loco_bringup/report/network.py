@@ -32,8 +32,8 @@ from ..page.plot import Line, Panel, Plot, Span
 from ..page.style import BROAD, COMMAND, OTHER, TARGET, TINTS, Chapter
 from . import parts
 
-SHOWN = 6.0  # length of the animation [s]
-LEAST = 1e-6  # lower bound of drawn errors
+DURATION = 6.0  # length of the animation [s]
+MIN_ERROR = 1e-6  # lower bound of drawn errors
 SKY, SOIL, MASS = (255, 255, 255), (222, 214, 202), (34, 34, 34)
 SHORT, LONG = np.array([213, 94, 0]), np.array([0, 114, 178])  # colours of links
 
@@ -174,7 +174,7 @@ def distance_figure(log: MsdLog) -> Plot:
 def error_figure(log: MsdLog) -> Plot:
     """Error of the readout over time."""
     error = np.sqrt(np.mean((log.prediction - log.target) ** 2, axis=1))
-    line = Line("error", np.maximum(error, LEAST), OTHER)
+    line = Line("error", np.maximum(error, MIN_ERROR), OTHER)
     return Plot(log.t, [Panel("error [-]", [line], logarithmic=True)], _tinted(log))
 
 
@@ -218,7 +218,7 @@ def animation(log: MsdLog, path: Path | None) -> Markup:
     """GIF of the end of the run, written to `path` and embedded in the page."""
     if path is None:
         raise BagError("the animation was left out on request")
-    start = max(0.0, float(log.t[-1]) - SHOWN)
+    start = max(0.0, float(log.t[-1]) - DURATION)
     data = render(log, start)
     path.write_bytes(data)
     text = f"The network at the end of the run, from {start:.1f} s to "

@@ -35,7 +35,7 @@ def drawn(chapters: Iterable[Chapter], log: Any) -> list[Part]:
     ]
 
 
-def ending(log: Log) -> Markup:
+def end_markup(log: Log) -> Markup:
     """Badge for the end of the run: completed, interrupted or fallen."""
     end = f"{len(log) * log.dt:.1f}"
     if log.fall:
@@ -49,14 +49,14 @@ def ending(log: Log) -> Markup:
 
 def cards(
     values: Mapping[str, Mapping[str, float]],
-    shown: Iterable[str],
+    metric_names: Iterable[str],
     references: Mapping[str, str] | None = None,
 ) -> Markup:
     """Main numbers of the last sufficiently long phase.
 
     Args:
         values: Values by phase and metric; NaN where a metric does not apply.
-        shown: Names of the metrics to show.
+        metric_names: Names of the metrics to show.
         references: Text with a reference value, by name of the metric.
     """
     long = [(name, row) for name, row in values.items() if math.isfinite(row["torque_max"])]
@@ -65,7 +65,7 @@ def cards(
     phase, row = long[-1]
     rows = [
         (label(name), number(row[name]), _remark(name, references or {}))
-        for name in shown
+        for name in metric_names
         if math.isfinite(row.get(name, math.nan))
     ]
     return html.cards(rows, f"These numbers are of the phase “{phase}”.")
@@ -105,15 +105,15 @@ def run_facts(bag: Bag, seed: int, robot: str) -> dict[str, str]:
     }
 
 
-def verdict_text(found: Verdict, bounds: CriterionParams) -> str:
+def verdict_text(verdict: Verdict, bounds: CriterionParams) -> str:
     """Text with the conditions of the failure criterion that were met."""
-    text = f"failed: {', '.join(found.failed)}" if found.failed else "no failure"
-    if math.isnan(found.nrmse):
+    text = f"failed: {', '.join(verdict.failed)}" if verdict.failed else "no failure"
+    if math.isnan(verdict.nrmse):
         return f"{text} (the prediction never drove for two strides)"
     return (
-        f"{text} (NRMSE {number(found.nrmse)} at most, bound {bounds.nrmse:g}; slip "
-        f"{number(found.slip)} of {bounds.phase_slip:g} stride; amplitude "
-        f"{number(found.amplitude)} at least, bound {bounds.freeze:g})"
+        f"{text} (NRMSE {number(verdict.nrmse)} at most, bound {bounds.nrmse:g}; slip "
+        f"{number(verdict.slip)} of {bounds.phase_slip:g} stride; amplitude "
+        f"{number(verdict.amplitude)} at least, bound {bounds.freeze:g})"
     )
 
 

@@ -18,7 +18,7 @@ from ..page import html, style
 from ..page.plot import Line, Panel, Plot
 from . import parts
 
-MOST = 12  # largest number of joints in one plot
+MAX_JOINTS = 12  # largest number of joints in one plot
 PAUSE = 5.0  # silence that is no line in a plot [median period]
 LABELS = {"q": "position [rad or m]", "dq": "speed [rad/s or m/s]", "tau": "torque [N·m or N]"}
 HEAD = ["Lowest position", "Highest position", "Tracking error, rms", "Largest tracking error",
@@ -45,9 +45,9 @@ def page(path: Path, mapping: Path | None = None) -> str:
     ]
     if bag := recording.bag:
         sections.append(html.part("Messages", lambda: parts.message_table(bag)))
-    ends = [track.t[-1] for track in recording.tracks.values()]
+    last = [track.t[-1] for track in recording.tracks.values()]
     header = [
-        html.paragraph(f"{max(ends) - recording.start:.2f} s, joints: {len(recording.joints)}"),
+        html.paragraph(f"{max(last) - recording.start:.2f} s, joints: {len(recording.joints)}"),
         html.bullets(recording.notes),
     ]
     return html.document(recording.name, html.join(header), sections)
@@ -60,16 +60,16 @@ def axis(recording: Recording) -> np.ndarray:
 
 def lines(recording: Recording, role: str, joint: str, t: np.ndarray) -> list[Line]:
     """Command and measurement of a joint at some stamps [s]; unknown in pauses."""
-    kinds = ((COMMAND[role], "command", style.COMMAND), (role, "measured", style.MEASURED))
+    styles = ((COMMAND[role], "command", style.COMMAND), (role, "measured", style.MEASURED))
     series = []
-    for kind, name, color in kinds:
+    for kind, name, color in styles:
         if track := recording.tracks.get((kind, joint)):
             values = at(track, t)
             if kind == role and len(track.t) > 2:
                 step = np.diff(track.t)
                 row = np.searchsorted(track.t, t, side="right") - 1
-                silent = np.append(step > PAUSE * np.median(step), False)[row.clip(0)]
-                values = np.where(silent & (t > track.t[row.clip(0)]), np.nan, values)
+                in_pause = np.append(step > PAUSE * np.median(step), False)[row.clip(0)]
+                values = np.where(in_pause & (t > track.t[row.clip(0)]), np.nan, values)
             series.append(Line(name, values, color, 1.2 if kind == role else 1.6))
     return series
 
@@ -78,7 +78,7 @@ def _plot(recording: Recording, role: str) -> Plot:
     t = axis(recording)
     panels = [
         Panel(f"{short(joint)} {LABELS[role][LABELS[role].index('[') :]}", series)
-        for joint in recording.joints[:MOST]
+        for joint in recording.joints[:MAX_JOINTS]
         if (series := lines(recording, role, joint, t))
     ]
     if not panels:
@@ -134,10 +134,10 @@ def values(recording: Recording, joint: str) -> list[float]:
     """Numbers of a joint in the order of `HEAD`; NaN where a signal is missing."""
     q, error = recording.tracks["q", joint].x, recording.error(joint)
     error = error[np.isfinite(error)]
-    others = [recording.tracks[role, joint].x if (role, joint) in recording.tracks else np.zeros(0)
+    tracks = [recording.tracks[role, joint].x if (role, joint) in recording.tracks else np.zeros(0)
               for role in ("dq", "tau")]  # fmt: skip
-    return [float(q.min()), float(q.max()), _rms(error), _largest(error), _largest(others[0]),
-            _rms(others[1]), _largest(others[1])]  # fmt: skip
+    return [float(q.min()), float(q.max()), _rms(error), _largest(error), _largest(tracks[0]),
+            _rms(tracks[1]), _largest(tracks[1])]  # fmt: skip
 
 
 def _rms(x: np.ndarray) -> float:
@@ -222,7 +222,7 @@ def _overlay(every: list[Recording], joints: list[str]) -> Plot:
                 for one, color in zip(every, PALETTE, strict=False)
             ],
         )
-        for joint in joints[:MOST]
+        for joint in joints[:MAX_JOINTS]
     ]
     return Plot(t, panels)
 

@@ -12,7 +12,7 @@ from pathlib import Path
 
 from loco_control.exceptions import LocoError, MissingFileError
 
-from ..bag.foreign.opening import beside, open_bag
+from ..bag.foreign.opening import open_bag, result_path
 from ..bag.reader import Bag
 from ..logs.bag_log import read_log
 from ..logs.recording import is_foreign
@@ -59,7 +59,7 @@ def write_report(
     else:
         bag = bag if isinstance(bag, Bag) else open_bag(bag)
         path = bag.folder
-    out = file_at(out, beside(path, "report.html"))
+    out = file_at(out, result_path(path, "report.html"))
     try:
         out.parent.mkdir(parents=True, exist_ok=True)
         text = text or page_of(bag, out.parent / GIF if gif else None)

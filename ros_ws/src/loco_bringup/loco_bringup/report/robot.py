@@ -91,7 +91,7 @@ def header(
     return html.join(
         [
             html.paragraph(log.experiment.description, soft=True),
-            parts.ending(log),
+            parts.end_markup(log),
             html.beside(html.join([summary, numbers]), moving),
         ]
     )

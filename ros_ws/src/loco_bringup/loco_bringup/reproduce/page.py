@@ -138,7 +138,7 @@ def _claims(verdicts: Sequence[Verdict], entries: Mapping[str, Entry], folder: P
             (html.link(name, target) if target else Markup.escape(name)) + f" {engine}"
             for name, target, engine in _runs(v, entries, folder)
         ]
-        rows.append((html.strong(v.claim.number), *_once(v), v.change, v.text, v.verdict,
+        rows.append((html.strong(v.claim.number), *_item(v), v.change, v.text, v.verdict,
                      Markup(", ").join(links)))  # fmt: skip
     head = ("Claim", "Thesis", "Says", "Rule", "Rule of", "Change", "Found", "Verdict", "Runs")
     return html.table(head, rows, marks=[MARKS.get(v.verdict, "so") for v in verdicts])
@@ -147,11 +147,11 @@ def _claims(verdicts: Sequence[Verdict], entries: Mapping[str, Entry], folder: P
 def _row(v: Verdict, entries: Mapping[str, Entry], folder: Path) -> str:
     runs = [f"[{name}]({target}) {engine}".strip() if target else f"{name} {engine}".strip()
             for name, target, engine in _runs(v, entries, folder)]  # fmt: skip
-    cells = (v.claim.number, *_once(v), v.change, v.text, f"**{v.verdict}**", ", ".join(runs))
+    cells = (v.claim.number, *_item(v), v.change, v.text, f"**{v.verdict}**", ", ".join(runs))
     return "| " + " | ".join(cells) + " |"
 
 
-def _once(v: Verdict) -> tuple[str, ...]:
+def _item(v: Verdict) -> tuple[str, ...]:
     """Cells of the claim and its rule; rows of changes do not repeat them."""
     c = v.claim
     return ("",) * 4 if v.change else (c.item, c.says, c.rule_text, c.since)

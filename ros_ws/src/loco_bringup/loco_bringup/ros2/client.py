@@ -50,11 +50,11 @@ class Client(GraphClient):
         """
         types: dict[str, list[str]] = {}
 
-        def seen() -> bool:
+        def is_visible() -> bool:
             types.update(self.node.get_topic_names_and_types())
             return name in types
 
-        if not self.wait(seen, DISCOVERY):
+        if not self.wait(is_visible, DISCOVERY):
             raise NameUnknownError("topic", name, types)
         return types[name][0]
 

@@ -18,7 +18,7 @@ from loco_control.reading import parse_yaml
 from .client import DISCOVERY, Client
 from .values import as_yaml, filled, type_of
 
-say = sys.stdout.write
+write = sys.stdout.write
 _TYPES = ("", "Boolean", "Integer", "Double", "String", "Byte", "Boolean", "Integer", "Double",
           "String")  # fmt: skip
 _FIRST_ARRAY = 5
@@ -27,7 +27,7 @@ _FIRST_ARRAY = 5
 def list_nodes(client: Client, a: argparse.Namespace) -> None:
     """Print the names of the nodes."""
     client.settle()
-    say("".join(f"{name}\n" for name in client.nodes()))
+    write("".join(f"{name}\n" for name in client.nodes()))
 
 
 def info(client: Client, a: argparse.Namespace) -> None:
@@ -44,10 +44,10 @@ def info(client: Client, a: argparse.Namespace) -> None:
         "Action Servers": action.get_action_server_names_and_types_by_node(node, *who),
         "Action Clients": action.get_action_client_names_and_types_by_node(node, *who),
     }
-    say(f"{name}\n")
+    write(f"{name}\n")
     for title, endpoints in rows.items():
-        say(f"  {title}:\n")
-        say(
+        write(f"  {title}:\n")
+        write(
             "".join(
                 f"    {n}: {', '.join(types)}\n" for n, types in sorted(endpoints) if "/_" not in n
             )
@@ -61,8 +61,8 @@ def list_parameters(client: Client, a: argparse.Namespace) -> None:
     for name in [client.existing(a.node)] if a.node else client.nodes():
         parameters = _parameters(client, name)
         listed = client.result(parameters.list_parameters([], 0), name).result.names
-        say("" if a.node else f"{name}:\n")
-        say("".join(f"  {parameter}\n" for parameter in sorted(listed)))
+        write("" if a.node else f"{name}:\n")
+        write("".join(f"  {parameter}\n" for parameter in sorted(listed)))
 
 
 def get_parameter(client: Client, a: argparse.Namespace) -> None:
@@ -80,7 +80,7 @@ def get_parameter(client: Client, a: argparse.Namespace) -> None:
     kind = values[0].type
     value = Parameter.from_parameter_msg(_message(a.parameter, values[0])).value
     many = kind >= _FIRST_ARRAY
-    say(
+    write(
         f"{_TYPES[kind]} {'values are' if many else 'value is'}: {list(value) if many else value}\n"
     )
 
@@ -101,7 +101,7 @@ def set_parameter(client: Client, a: argparse.Namespace) -> None:
     answer = client.result(future, name).results[0]
     if not answer.successful:
         raise GraphError(f"Setting parameter failed: {answer.reason}")
-    say("Set parameter successful\n")
+    write("Set parameter successful\n")
 
 
 def _parameters(client: Client, name: str) -> AsyncParameterClient:
@@ -127,11 +127,11 @@ def call_service(client: Client, a: argparse.Namespace) -> None:
     request = filled(cls.Request, a.values)
     service = client.node.create_client(cls, a.service)
     if not service.service_is_ready():
-        say("waiting for service to become available...\n")
+        write("waiting for service to become available...\n")
         if not client.wait(service.service_is_ready, DISCOVERY):
             raise GraphError(f"nobody offers the service {a.service}")
-    say(f"requester: making request: {request!r}\n\n")
-    say(f"response:\n{client.result(service.call_async(request), a.service)!r}\n\n")
+    write(f"requester: making request: {request!r}\n\n")
+    write(f"response:\n{client.result(service.call_async(request), a.service)!r}\n\n")
 
 
 def send_goal(client: Client, a: argparse.Namespace) -> None:
@@ -143,31 +143,31 @@ def send_goal(client: Client, a: argparse.Namespace) -> None:
     cls = type_of(a.type, "action")
     goal = filled(cls.Goal, a.values)
     server = action.ActionClient(client.node, cls, a.action)
-    say("Waiting for an action server to become available...\n")
+    write("Waiting for an action server to become available...\n")
     sys.stdout.flush()
     if not client.wait(server.server_is_ready, DISCOVERY):
         raise GraphError(f"nobody offers the action {a.action}")
-    say(f"Sending goal:\n{as_yaml(goal, 5)}\n")
-    feedback = (lambda f: _tell(f"Feedback:\n{as_yaml(f.feedback, 4)}\n")) if a.feedback else None
+    write(f"Sending goal:\n{as_yaml(goal, 5)}\n")
+    feedback = (lambda f: _write(f"Feedback:\n{as_yaml(f.feedback, 4)}\n")) if a.feedback else None
     handle = client.result(server.send_goal_async(goal, feedback_callback=feedback), a.action)
     if not handle.accepted:
         raise GraphError("Goal was rejected.")
-    _tell(f"Goal accepted with ID: {bytes(handle.goal_id.uuid).hex()}\n\n")
+    _write(f"Goal accepted with ID: {bytes(handle.goal_id.uuid).hex()}\n\n")
     future = handle.get_result_async()
     try:
         client.wait(future.done)
     except KeyboardInterrupt:
-        say("Canceling goal...\n")
+        write("Canceling goal...\n")
         client.result(handle.cancel_goal_async(), a.action)
         raise
     done = future.result()
     names = {getattr(GoalStatus, n): n for n in dir(GoalStatus) if n.startswith("STATUS_")}
     status = names[done.status].removeprefix("STATUS_")
-    say(f"Result:\n{as_yaml(done.result, 4)}\nGoal finished with status: {status}\n")
+    write(f"Result:\n{as_yaml(done.result, 4)}\nGoal finished with status: {status}\n")
     if done.status != GoalStatus.STATUS_SUCCEEDED:
         raise GraphError(f"the goal of {a.action} ended as {status}")
 
 
-def _tell(text: str) -> None:
-    say(text)
+def _write(text: str) -> None:
+    write(text)
     sys.stdout.flush()

@@ -17,22 +17,22 @@ from ..client import matching
 from .client import DISCOVERY, Client
 from .values import as_yaml, filled, type_of
 
-say = sys.stdout.write
+write = sys.stdout.write
 
 
 def list_topics(client: Client, a: argparse.Namespace) -> None:
     """Print the topics, with their types if requested."""
     client.settle()
     for name, types in sorted(client.node.get_topic_names_and_types()):
-        say(f"{name} [{', '.join(types)}]\n" if a.show_types else f"{name}\n")
+        write(f"{name} [{', '.join(types)}]\n" if a.show_types else f"{name}\n")
 
 
 def info(client: Client, a: argparse.Namespace) -> None:
     """Print the type of a topic and its numbers of publishers and subscriptions."""
-    say(f"Type: {client.topic_type(a.topic)}\n")
+    write(f"Type: {client.topic_type(a.topic)}\n")
     client.settle()
-    say(f"Publisher count: {client.node.count_publishers(a.topic)}\n")
-    say(f"Subscription count: {client.node.count_subscribers(a.topic)}\n")
+    write(f"Publisher count: {client.node.count_publishers(a.topic)}\n")
+    write(f"Subscription count: {client.node.count_subscribers(a.topic)}\n")
 
 
 def echo(client: Client, a: argparse.Namespace) -> None:
@@ -41,7 +41,7 @@ def echo(client: Client, a: argparse.Namespace) -> None:
     while True:
         client.wait(lambda: got)
         for message in got[: 1 if a.once else None]:
-            say(f"{as_yaml(message)}---\n")
+            write(f"{as_yaml(message)}---\n")
         sys.stdout.flush()
         if a.once:
             return
@@ -56,10 +56,10 @@ def hz(client: Client, a: argparse.Namespace) -> None:
         before = len(times)
         client.spin(1.0)
         if len(times) < 2 or len(times) == before:
-            say("no new messages\n" if times else "")
+            write("no new messages\n" if times else "")
         else:
             gaps = np.diff(times[-a.window :])
-            say(
+            write(
                 f"average rate: {1.0 / gaps.mean():.3f}\n\tmin: {gaps.min():.3f}s "
                 f"max: {gaps.max():.3f}s std dev: {gaps.std():.5f}s window: {len(gaps) + 1}\n"
             )
@@ -90,16 +90,16 @@ def pub(client: Client, a: argparse.Namespace) -> None:
     expected = a.wait_matching_subscriptions
     expected = int(times > 0) if expected is None else expected
     if expected and not client.wait(lambda: publisher.get_subscription_count() >= expected, 0.1):
-        say(f"Waiting for at least {expected} matching subscription(s)...\n")
+        write(f"Waiting for at least {expected} matching subscription(s)...\n")
         sys.stdout.flush()
         if not client.wait(lambda: publisher.get_subscription_count() >= expected, DISCOVERY):
             raise GraphError(f"nobody listens to {a.topic}; see `loco ros2 topic list`")
-    say("publisher: beginning loop\n")
+    write("publisher: beginning loop\n")
     count = 0
     while True:
         count += 1
         publisher.publish(message)
-        say(f"publishing #{count}: {message!r}\n\n")
+        write(f"publishing #{count}: {message!r}\n\n")
         sys.stdout.flush()
         if count == times:
             client.spin(a.keep_alive)  # else the node would be gone before the message is sent

@@ -13,7 +13,7 @@ import yaml
 from loco_control.exceptions import NameUnknownError, ParameterError
 from loco_control.reading import parse_yaml
 
-from ..logs.export import plain
+from ..logs.export import to_plain
 
 
 def type_of(name: str, group: str) -> Any:
@@ -86,5 +86,5 @@ def _value(current: Any, kind: str, value: Any, name: str) -> Any:
 
 def as_yaml(message: Any, indent: int = 0) -> str:
     """YAML text of a message, with indented lines."""
-    text = yaml.safe_dump(plain(message), sort_keys=False, allow_unicode=True, width=10_000)
+    text = yaml.safe_dump(to_plain(message), sort_keys=False, allow_unicode=True, width=10_000)
     return "".join(" " * indent + line for line in text.splitlines(keepends=True))

@@ -91,9 +91,9 @@ def _maps(study: Study, results: list[CaseResult]) -> list[Drawn]:
     for sheet in maps.sheets(study, results):
         for metric in study.map.metrics:
             title = f"{sheet.title}, {metric.replace('_', ' ')}"
-            ends = study.map.legal.get(metric)
+            span = study.map.legal.get(metric)
             legal = (
-                " The edge runs around the legal range, {:g} to {:g}.".format(*ends) if ends else ""
+                " The edge runs around the legal range, {:g} to {:g}.".format(*span) if span else ""
             )
             chart = maps.heat_map(sheet, metric, study.map)
             blocks.append((title, MAP.format(legal=legal), chart))

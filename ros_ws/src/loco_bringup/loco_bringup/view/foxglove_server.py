@@ -53,8 +53,8 @@ def serve(bag: Bag, port: int, pace: Pace, ready: Callable[[int], None]) -> None
         BagError: The bag is not a recording of ROS 2.
     """
     context, channels, newest = foxglove.Context(), {}, {}
-    asked: deque[str] = deque()  # filled by a thread of the server
-    listener = SimpleNamespace(on_subscribe=lambda who, channel: asked.append(channel.topic))
+    topics: deque[str] = deque()  # filled by a thread of the server
+    listener = SimpleNamespace(on_subscribe=lambda who, channel: topics.append(channel.topic))
     for channel in bag.summary.channels.values():
         schema = bag.summary.schemas.get(channel.schema_id)
         if schema is None or channel.message_encoding != "cdr":
@@ -77,8 +77,8 @@ def serve(bag: Bag, port: int, pace: Pace, ready: Callable[[int], None]) -> None
             for t, name, data in order:
                 if not pace.wait(t, time.sleep):
                     return
-                while asked:
-                    if (topic := asked.popleft()) in newest:
+                while topics:
+                    if (topic := topics.popleft()) in newest:
                         channels[topic].log(newest[topic], log_time=zero + round(1e9 * t))
                 channels[name].log(data, log_time=zero + round(1e9 * t))
                 newest[name] = data

@@ -62,11 +62,11 @@ def recorded(path: Path, robot: str, mapping: Path | None = None) -> dict[str, S
     forward = Forward(model, records, ForwardParams(signals=("q",)))
     channels = tuple((c.signal, c.name, c.unit) for c in forward.channels)
     rows = []
-    for record, said in zip(records, forward(), strict=True):
+    for record, fit in zip(records, forward(), strict=True):
         columns = [record.joints.index(channel.name) for channel in forward.channels]
         q = record.signals["q"][:, columns]
-        judged = np.ones(len(q), dtype=bool)
-        rows.append(Curve(record.name, curves.FIT, record.t, q, said, said, 0.0 * q, judged,
+        used = np.ones(len(q), dtype=bool)
+        rows.append(Curve(record.name, curves.FIT, record.t, q, fit, fit, 0.0 * q, used,
                           np.zeros(0)))  # fmt: skip
     both, plant = Curves(channels, tuple(rows)), model.make_robot()
     return {"measured": _scene(both, plant, "measured"), "model": _scene(both, plant, "after")}

@@ -69,13 +69,13 @@ def of_table(table: tables.Table, joints: Sequence[str]) -> str:
         ParameterError: No column name contains a known role, or none a joint of the robot.
     """
     time, head = _time(table)
-    others = {name: values for name, values in table.columns.items() if name != time}
-    speed = any(words.guess(name, joints).role == "dq" for name in others)
-    numbered = words.numbered(list(others), joints)
-    columns = {name: _column(table, name, joints, numbered, speed) for name in others}
-    lines = [line for made in columns.values() for line in made]
-    strangers = [x for x, made in columns.items() if not made and words.guess(x, joints).role]
-    names = [*others, *(name for name in table.texts if name != time)]
+    value_columns = {name: values for name, values in table.columns.items() if name != time}
+    speed = any(words.guess(name, joints).role == "dq" for name in value_columns)
+    numbered = words.numbered(list(value_columns), joints)
+    columns = {name: _column(table, name, joints, numbered, speed) for name in value_columns}
+    lines = [line for drafted in columns.values() for line in drafted]
+    strangers = [x for x, drafted in columns.items() if not drafted and words.guess(x, joints).role]
+    names = [*value_columns, *(name for name in table.texts if name != time)]
     return written(lines, names, joints, table.path.name, head, strangers)
 
 
@@ -116,17 +116,17 @@ def written(
     robot = f" of the robot ({', '.join(joints)})" * bool(joints)
     unmatched = f"no joint{robot} is named in: {', '.join(strangers)}"
     if not first:
-        why = unmatched if strangers else _unsaid(names)
+        note = unmatched if strangers else _unsaid(names)
         raise ParameterError(
-            f"{file}: {why}. Write a mapping by hand (docs/gap_import.md), pass it by --mapping"
+            f"{file}: {note}. Write a mapping by hand (docs/gap_import.md), pass it by --mapping"
         )
     rest = [line for line in lines if line not in used]
-    seen = {line.column for line in lines} | {line.topic for line in lines}
+    assigned = {line.column for line in lines} | {line.topic for line in lines}
     text = [f"# Drafted from {file}: look at each line, above all at joints, units and signs.",
             *head, "columns:", *(line.text for line in used)]  # fmt: skip
     text += [f"{ALSO} {line.role} of {line.joint}, left out; or a command? {line.text.strip(' -')}"
              for line in rest]  # fmt: skip
-    left = [name for name in names if name not in seen]
+    left = [name for name in names if name not in assigned]
     text += [f"# Not used: {', '.join(left)}"] if left else []
     text += [f"# {unmatched[0].upper()}{unmatched[1:]}"] if strangers else []
     return "\n".join([*text, *(f"# Missing: {what}" for what in missing(first, joints))]) + "\n"
@@ -151,14 +151,14 @@ def _unsaid(names: Sequence[str]) -> str:
 
 def _is_measured(line: Line) -> bool:
     """True if the name of a column says that it is measured."""
-    return not words.MEASURED.isdisjoint(words.words(line.column))
+    return not words.MEASURED.isdisjoint(words.split_name(line.column))
 
 
-def missing(found: Mapping[tuple[str, str], Line], joints: Sequence[str]) -> list[str]:
+def missing(lines: Mapping[tuple[str, str], Line], joints: Sequence[str]) -> list[str]:
     """Roles that a search needs and no line provides, in words."""
-    required = joints or sorted({joint for _, joint in found})
-    absent = [f"q of {joint}" for joint in required if ("q", joint) not in found]
-    commanded = {joint for role, joint in found if role.startswith("command_")}
+    required = joints or sorted({joint for _, joint in lines})
+    absent = [f"q of {joint}" for joint in required if ("q", joint) not in lines]
+    commanded = {joint for role, joint in lines if role.startswith("command_")}
     return absent + [f"a command of {joint}" for joint in required if joint not in commanded]
 
 
@@ -228,9 +228,9 @@ def _time(table: tables.Table) -> tuple[str, list[str]]:
     if candidates:
         *_, name, lines = max(candidates, key=lambda entry: entry[:2])
         return name, lines
-    why = next((why for name, why in table.texts.items() if words.time_unit(name) is not None), "")
-    why = " ".join((why or "no column of times").split())
-    return "", [f"# time: {{rate: }}  # {why}: add this line with the rate of the log in Hz"]
+    msg = next((msg for name, msg in table.texts.items() if words.time_unit(name) is not None), "")
+    msg = " ".join((msg or "no column of times").split())
+    return "", [f"# time: {{rate: }}  # {msg}: add this line with the rate of the log in Hz"]
 
 
 def _quoted(text: str) -> str:

@@ -41,7 +41,7 @@ NOISE = frozenset(
     "joint joints topic data value values dof motor axis achse name header robot the of".split()
 )
 LETTERS = frozenset("a j m".split())  # of axis, joint and motor, before a number
-_OF_WORD = {word: kind for kind, text in QUANTITIES.items() for word in text.split()}
+_OF_WORD = {token: kind for kind, text in QUANTITIES.items() for token in text.split()}
 _SPLIT = re.compile(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+|\d+")
 
 
@@ -62,7 +62,7 @@ class Guess:
     why: str
 
 
-def words(name: str) -> list[str]:
+def split_name(name: str) -> list[str]:
     """Words of a name in lower case: arm, knee, pos, deg for ``/arm/kneePos_deg``."""
     return [token.lower() for token in _SPLIT.findall(name)]
 
@@ -75,8 +75,8 @@ def guess(name: str, joints: Sequence[str] = ()) -> Guess:
         joints: Joint names of the robot; if empty, unexplained words of the name are the joint.
     """
     joint = joint_in(name, joints)
-    joint_tokens = words(joint) if joint else []
-    rest = _without(words(name), joint_tokens) or words(name)
+    joint_tokens = split_name(joint) if joint else []
+    rest = _without(split_name(name), joint_tokens) or split_name(name)
     vocabulary = {*COMMANDS, *SETS, *INPUTS, *MEASURED, *UNITS, *NOISE, *_OF_WORD, "s", "m"}
     unknown = [token for token in rest if token not in vocabulary]
     of = next((w for w in reversed(rest) if w in _OF_WORD), "")
@@ -98,10 +98,10 @@ def guess(name: str, joints: Sequence[str] = ()) -> Guess:
 def _unit(name: str, role: str) -> str:
     """Unit in a name that fits a role: in brackets, at its end, or as a word; empty if none."""
     legal = (*mapping.ROLES[role][0], *(["current"] if "torque" in mapping.ROLES[role][0] else []))
-    ending = re.split(r"[\s_.]", name)[-1]
+    suffix = re.split(r"[\s_.]", name)[-1]
     candidates = re.findall(r"[\[(]([^\])]*[^\d\])][^\])]*)[\])]", name)
-    candidates += [ending] if len(ending) > 1 else []
-    candidates += [UNITS[token] for token in words(name) if token in UNITS]
+    candidates += [suffix] if len(suffix) > 1 else []
+    candidates += [UNITS[token] for token in split_name(name) if token in UNITS]
     for text in candidates:
         for spelled in (text, f"{text}/s"):
             try:
@@ -114,19 +114,19 @@ def _unit(name: str, role: str) -> str:
 
 def joint_in(name: str, joints: Sequence[str]) -> str:
     """Joint whose words are all in a name, the longest of several; empty if there is none."""
-    tokens = words(name)
-    fitting = [j for j in joints if words(j) and _contains(tokens, words(j))]
-    return max(fitting, key=lambda joint: len(words(joint)), default="")
+    tokens = split_name(name)
+    fitting = [j for j in joints if split_name(j) and _contains(tokens, split_name(j))]
+    return max(fitting, key=lambda joint: len(split_name(joint)), default="")
 
 
 def number(name: str, joints: Sequence[str] = ()) -> int | None:
     """Number of a joint in a name such as q1, dq_2 or effort[3]; None if it has another word."""
-    tokens = words(name)
+    tokens = split_name(name)
     digits = [token for token in tokens if token.isdigit()]
-    known = {*COMMANDS, *SETS, *INPUTS, *MEASURED, *UNITS, *NOISE, *_OF_WORD, *digits, "s"}
-    known |= {token for joint in joints for token in words(joint)}
-    known |= {a for a, b in itertools.pairwise(tokens) if a in LETTERS and b.isdigit()}
-    return int(digits[0]) if len(digits) == 1 and known.issuperset(tokens) else None
+    explained = {*COMMANDS, *SETS, *INPUTS, *MEASURED, *UNITS, *NOISE, *_OF_WORD, *digits, "s"}
+    explained |= {token for joint in joints for token in split_name(joint)}
+    explained |= {a for a, b in itertools.pairwise(tokens) if a in LETTERS and b.isdigit()}
+    return int(digits[0]) if len(digits) == 1 and explained.issuperset(tokens) else None
 
 
 def numbered(names: Sequence[str], joints: Sequence[str]) -> dict[int, str]:
@@ -146,7 +146,7 @@ def numbered(names: Sequence[str], joints: Sequence[str]) -> dict[int, str]:
         return {i: f"joint_{i}" for i in numbers}
     groups: dict[tuple[str, ...], dict[int, str]] = {}  # by the words before the number
     for joint in joints:
-        *prefix, last = words(joint) or [""]
+        *prefix, last = split_name(joint) or [""]
         if last.isdigit():
             groups.setdefault(tuple(prefix), {})[int(last)] = joint
     if groups and numbers <= set(largest := max(groups.values(), key=len)):
@@ -157,19 +157,19 @@ def numbered(names: Sequence[str], joints: Sequence[str]) -> dict[int, str]:
 
 def time_unit(name: str) -> str | None:
     """Unit of time in a name; empty if the name is a time without a unit, None if it is no time."""
-    symbols = [TIMES.get(token) for token in words(name)]
+    symbols = [TIMES.get(token) for token in split_name(name)]
     if not symbols or None in symbols[-1:]:
         return None
     return next((unit for unit in symbols if unit), "")
 
 
-def _contains(whole: Sequence[str], part: Sequence[str]) -> bool:
+def _contains(sequence: Sequence[str], part: Sequence[str]) -> bool:
     size = len(part)
-    return any(list(whole[i : i + size]) == list(part) for i in range(len(whole) - size + 1))
+    return any(list(sequence[i : i + size]) == list(part) for i in range(len(sequence) - size + 1))
 
 
-def _without(whole: Iterable[str], part: Sequence[str]) -> list[str]:
-    left = list(whole)
+def _without(sequence: Iterable[str], part: Sequence[str]) -> list[str]:
+    left = list(sequence)
     for token in part:
         left.remove(token)
     return left

@@ -19,16 +19,16 @@ from ..hypotheses.hypotheses import Hypothesis, Term
 from ..params import GapParams
 from ..prediction.case import Case
 from ..statistics import evidence
-from ..statistics.solve import FEW, FIRST, differences, guided, lowest, minimise, soft
+from ..statistics.solve import FIRST, MIN_GAIN, differences, guided, lowest, minimise, soft
 
 JACOBIAN_STEP = 0.12  # finite difference for a Jacobian, in units of a coordinate
 SHAPE_UNIT = 0.7  # unit of a logarithmic shape: a factor of two
 FACTOR, PART = 0.9, 0.2  # stride of a logarithmic coordinate [log], and of others [range]
 SHORT_STRIDE = 0.35  # length of the short stride over that of the long one
 FREE_RANGE = 3.0  # largest change of the logarithm of a nominal value
-LEAST = 1e-6  # of a strength on a log scale, over its typical size
-NEAR = 0.1  # relative stride of a value that is not on a log scale (taste)
-AGAIN = 6  # simulations of a fit from another start, and one more per parameter
+MIN_RATIO = 1e-6  # of a strength on a log scale, over its typical size
+STEP = 0.1  # relative stride of a value that is not on a log scale (taste)
+EXTRA = 6  # simulations of a fit from another start, and one more per parameter
 DEVIATIONS, TURNS = 4.0, 4  # deviations of a value per unit; simulations per parameter (taste)
 
 
@@ -157,7 +157,7 @@ class Problem:
         self.units = np.array([*(unit for *_, unit in self.each), *(0.3 for _ in logs)])
         ratios = [*(_ratio(h, c, v) for h, c, v, _ in self.each), *(False for _ in logs)]
         self.ratios = np.array(ratios, dtype=bool)
-        low[self.ratios] = np.maximum(low[self.ratios], LEAST)
+        low[self.ratios] = np.maximum(low[self.ratios], MIN_RATIO)
         self.start, *self.bounds = (self._scaled(v) for v in (x, low, high))
 
     def _scaled(self, x: np.ndarray) -> np.ndarray:
@@ -216,7 +216,7 @@ def _units(hypothesis: Hypothesis, x: Sequence[float]) -> np.ndarray:
     )
 
 
-def _rough(hypothesis: Hypothesis) -> bool:
+def _is_nonsmooth(hypothesis: Hypothesis) -> bool:
     """True for a non-smooth effect at one place."""
     return not (EFFECTS[hypothesis.effect].identity.smooth or hypothesis.joints)
 
@@ -226,7 +226,7 @@ def _ratio(hypothesis: Hypothesis, c: Coordinate, v: float) -> bool:
 
     The right stiffness of a stop may be a hundred times the screened one, and has no upper end.
     """
-    return _rough(hypothesis) and c.strength and c.one_sided and v > 0.0
+    return _is_nonsmooth(hypothesis) and c.strength and c.one_sided and v > 0.0
 
 
 def _unusual(hypothesis: Hypothesis, x: Sequence[float]) -> list[float]:
@@ -269,7 +269,7 @@ class Setting:
     only: tuple[int, ...]
 
 
-def rough(case: Case, parts: Parts, setting: Setting) -> tuple[float, tuple]:
+def rough_fit(case: Case, parts: Parts, setting: Setting) -> tuple[float, tuple]:
     """Fit with a few iterations on some records, simulated with the larger steps of the model.
 
     Returns:
@@ -311,7 +311,7 @@ def fit(case: Case, parts: Parts, setting: Setting, seek: bool = True) -> Fitted
     return weigh(problem.case, *problem.split(solution.z), solution.cost, seek=seek)
 
 
-def anew(case: Case, parts: Parts, setting: Setting, about: Sequence[Mapping]) -> Fitted:
+def refit_model(case: Case, parts: Parts, setting: Setting, about: Sequence[Mapping]) -> Fitted:
     """Fit hypotheses; refitted values of the robot are linearised about a model with effects.
 
     A large effect changes the sensitivities to masses and drives. With sensitivities of the
@@ -326,7 +326,7 @@ def anew(case: Case, parts: Parts, setting: Setting, about: Sequence[Mapping]) -
     return fit(case.relined(about), parts, setting)
 
 
-def polish(case: Case, model: Fitted, setting: Setting) -> Fitted:
+def refine(case: Case, model: Fitted, setting: Setting) -> Fitted:
     """Search beyond the local minimum of a model, and fit values of the robot by simulation.
 
     The model is returned unchanged if no refit lowers the residual.
@@ -335,8 +335,8 @@ def polish(case: Case, model: Fitted, setting: Setting) -> Fitted:
         return model
     exact = case.corrected(model.specs, model.overrides)
     candidate = model  # values of the robot are fitted by simulation at the end alone
-    for search in (beyond, to_minimum):  # with refitted values linearised, which may mislead
-        candidate = min((candidate, search(exact, candidate, setting)), key=_promised)
+    for search in (escape, to_minimum):  # with refitted values linearised, which may mislead
+        candidate = min((candidate, search(exact, candidate, setting)), key=_expected_rms)
     return min((model, jointly(exact, candidate, setting)), key=_left)
 
 
@@ -361,9 +361,9 @@ def to_minimum(case: Case, model: Fitted, setting: Setting) -> Fitted:
 def _halves(problem: Problem) -> list[tuple[int, float]]:
     """Indices of the coordinates of single non-smooth effects, and strides along them."""
     return [
-        (i, (math.log(2.0) if c.logarithmic or problem.ratios[i] else NEAR * abs(v)) / unit)
+        (i, (math.log(2.0) if c.logarithmic or problem.ratios[i] else STEP * abs(v)) / unit)
         for i, (h, c, v, unit) in enumerate(problem.each)
-        if _rough(h) and v
+        if _is_nonsmooth(h) and v
     ]
 
 
@@ -396,21 +396,21 @@ def jointly(case: Case, model: Fitted, setting: Setting) -> Fitted:
     effects = differences(other, problem.start, other(problem.start), steps, highest, np.inf)
     bounds = [np.r_[x, y] for x, y in zip(reach, problem.bounds, strict=True)]
     z, slopes = np.r_[start, problem.start], np.hstack([robot, effects])
-    budgets = FIRST + len(problem.start), TURNS * len(z) + AGAIN
-    quick = partial(residual, of=coarse) if coarse else None
-    solution = guided(residual, z, bounds, JACOBIAN_STEP, budgets, slopes, model.cost, quick)
+    budgets = FIRST + len(problem.start), TURNS * len(z) + EXTRA
+    cheap = partial(residual, of=coarse) if coarse else None
+    solution = guided(residual, z, bounds, JACOBIAN_STEP, budgets, slopes, model.cost, cheap)
     parts, overrides = problem.split(solution.z[count:])
     values = case.loose.values(DEVIATIONS * solution.z[:count])
-    refit = weigh(case, parts, overrides, solution.cost, known=values)
+    refit = weigh(case, parts, overrides, solution.cost, fixed=values)
     return min((model, refit), key=_left)
 
 
-def settled(case: Case, parts: Parts, overrides: Mapping[str, Any], cost: float = 0.0) -> Fitted:
+def converge(case: Case, parts: Parts, overrides: Mapping[str, Any], cost: float = 0.0) -> Fitted:
     """Model with refitted values of the robot, corrected for its own step error (see `weigh`)."""
     return weigh(case.corrected(specs_of(parts), overrides), parts, overrides, cost)
 
 
-def beyond(case: Case, model: Fitted, setting: Setting) -> Fitted:
+def escape(case: Case, model: Fitted, setting: Setting) -> Fitted:
     """Search for a lower minimum, one coordinate and one stride at a time, while it improves.
 
     A shape such as a time constant or a radius has several minima. So has an angle where a drive
@@ -434,9 +434,9 @@ def beyond(case: Case, model: Fitted, setting: Setting) -> Fitted:
                 moved[index] += share * stride
                 if not problem.bounds[0][index] <= moved[index] <= problem.bounds[1][index]:
                     break
-                solution = minimise(problem, moved, problem.bounds, JACOBIAN_STEP, len(z) + AGAIN)
+                solution = minimise(problem, moved, problem.bounds, JACOBIAN_STEP, len(z) + EXTRA)
                 left -= solution.evaluations
-                if not solution.cost < cost - FEW:
+                if not solution.cost < cost - MIN_GAIN:
                     break
                 z, cost = solution.z, solution.cost
     if z is problem.start:
@@ -444,9 +444,9 @@ def beyond(case: Case, model: Fitted, setting: Setting) -> Fitted:
     parts, overrides = problem.split(z)
     if case.step_of(specs_of(parts)) == 1.0:
         return weigh(case, parts, overrides, cost, seek=False)
-    reduced = replace(setting, params=params.replace(evaluations=AGAIN), free=overrides)
-    found = fit(case, parts, reduced, seek=False)
-    return min((model, found), key=lambda m: m.fit_rms * math.sqrt(m.hope))
+    reduced = replace(setting, params=params.replace(evaluations=EXTRA), free=overrides)
+    refitted = fit(case, parts, reduced, seek=False)
+    return min((model, refitted), key=lambda m: m.fit_rms * math.sqrt(m.hope))
 
 
 def _strides(problem: Problem) -> list[tuple[int, float]]:
@@ -468,7 +468,7 @@ def _left(model: Fitted) -> float:
     return model.fit_rms * model.held.rms
 
 
-def _promised(model: Fitted) -> float:
+def _expected_rms(model: Fitted) -> float:
     """As `_left`, after a fit of the robot's values by simulation that keeps its promise."""
     return model.hope * _left(model)
 
@@ -478,17 +478,17 @@ def weigh(
     parts: Parts,
     overrides: Mapping[str, Any],
     cost: float = 0.0,
-    given: bool = False,
-    known: Mapping[str, float] | None = None,
+    initial: bool = False,
+    fixed: Mapping[str, float] | None = None,
     seek: bool = True,
 ) -> Fitted:
-    """Residuals of a model on all data; with `given`, nothing of the user's model is refitted.
+    """Residuals of a model on all data; with `initial`, nothing of the user's model is refitted.
 
-    `known` holds uncertain values of the robot that were fitted together with the effects.
+    `fixed` holds uncertain values of the robot that were fitted together with the effects.
     """
     specs = specs_of(parts)
-    basis = case.kept() if given else case
-    residuals, loose, pull, starts, hope = basis.suited(specs, overrides, known, seek)
+    basis = case.kept() if initial else case
+    residuals, loose, pull, starts, hope = basis.suited(specs, overrides, fixed, seek)
     held = case.judged(residuals)
     rms = evidence.rms(case.masked(residuals, range(len(residuals)), held=False))
     return Fitted(

@@ -40,7 +40,7 @@ LEAST_GAIN = 0.02  # relative decrease of the rms below which no further round f
 LEAST_OF_ALL = 0.01  # share of the energy of all joints below which a joint is left out (taste)
 STEP = 0.02  # finite difference of a weight, over half the range of the torque (taste)
 SHARES = (1.0, 0.5, 0.25)  # tried step lengths, since the simulation is not linear (taste)
-MOST = 20_000  # values of a column; neighbours in time are nearly equal (memory)
+MAX_VALUES = 20_000  # values of a column; neighbours in time are nearly equal (memory)
 EDGES = (0.001, 0.999)  # quantiles of speeds and torques that bound the measured range (taste)
 MARGIN = 1.05  # factor on the measured range (taste)
 DIGITS = 6  # significant digits of a weight in a file
@@ -76,7 +76,7 @@ def fit(case: Case, model: Fitted, each: Each) -> Learned | None:
     """
     initial = model.specs
     overrides = model.settled
-    regions = seen(case, initial, overrides)
+    regions = visible_specs(case, initial, overrides)
     if not regions:
         return None
     case = case.kept().corrected(initial, overrides)
@@ -109,7 +109,7 @@ def fit(case: Case, model: Fitted, each: Each) -> Learned | None:
     return Learned(effects, tuple(r["joint"] for r in regions), explained, *pair)
 
 
-def seen(case: Case, specs: Specs, overrides: Mapping[str, Any]) -> Specs:
+def visible_specs(case: Case, specs: Specs, overrides: Mapping[str, Any]) -> Specs:
     """Measured range of each driven joint, as parameters of the effect `learned_residual`.
 
     Args:
@@ -159,7 +159,7 @@ def corrections(regions: Specs, weights: np.ndarray) -> Specs:
     """Effects with given weights, one per joint; joints with zero weights are omitted.
 
     Args:
-        regions: Effects without weights, from `seen`.
+        regions: Effects without weights, from `visible_specs`.
         weights: Weights of all joints, (J FEATURES,).
     """
     each = np.reshape(weights, (len(regions), FEATURES))
@@ -173,7 +173,7 @@ def moved(case: Case, specs: Specs, overrides: Mapping[str, Any], stride: int) -
 
 
 def _columns(
-    given: Specs,
+    initial_specs: Specs,
     overrides: Mapping[str, Any],
     regions: Specs,
     at: np.ndarray,
@@ -183,14 +183,14 @@ def _columns(
     """Change of the prediction per weight, about the weights `at`, (N, J FEATURES)."""
     steps = np.repeat([STEP * r["load_range"] for r in regions], FEATURES)
     points = [at, *(at + step * row for step, row in zip(steps, np.eye(len(at)), strict=True))]
-    tasks = [([*given, *corrections(regions, p)], dict(overrides), stride) for p in points]
+    tasks = [([*initial_specs, *corrections(regions, p)], dict(overrides), stride) for p in points]
     reference, *shifted = each(moved, tasks)
     return np.stack([(m - reference) / s for m, s in zip(shifted, steps, strict=True)], axis=1)
 
 
 def _stride(residual: np.ndarray, channels: int) -> int:
     """Step between the used residuals, coprime to the channels so that none is left out."""
-    stride = max(1, math.ceil(len(residual) / MOST))
+    stride = max(1, math.ceil(len(residual) / MAX_VALUES))
     while math.gcd(stride, channels) > 1:
         stride += 1
     return stride

@@ -16,7 +16,7 @@ import numpy as np
 from loco_control.exceptions import LocoError
 from loco_sim.effects import EFFECTS
 
-from ..hypotheses.bundles import Bundle
+from ..hypotheses.bundles import Batch
 from ..hypotheses.hypotheses import Hypothesis
 from ..prediction.case import Case
 
@@ -27,13 +27,13 @@ BACK = 1e-3  # smallest ratio of an earlier size for a step back towards it
 RUNGS, RUNG = 4, 3.0  # sizes tried after linear steps failed, and the factor between them
 # Response over residual above which an effect explains nothing, and share of the residual that
 # counts as nothing, both within the branch.
-TOO_LOUD, IDLE = 2.0, 0.05
+TOO_LOUD, NEGLIGIBLE = 2.0, 0.05
 ALL = 1.0  # response over residual of an effect that explains all of it
 FAR = 3.0  # response over residual of a smooth effect above which no linear step is taken (taste)
 # A branch is skipped if its residual beyond noise is below both shares: of the whole residual, and
 # of its own noise (taste). A small residual beside a large gap may be friction, as in two joints
 # of an arm.
-QUIET, NOISY = 0.01, 0.2
+QUIET, NOISE_SHARE = 0.01, 0.2
 SAME = 0.01  # relative difference below which two responses are equal (taste)
 NEXT_SIZE = 1.03  # smallest factor between two tried sizes
 
@@ -68,7 +68,7 @@ def smooth(hypothesis: Hypothesis, case: Case) -> bool:
 
 def screen(
     case: Case,
-    bundle: Bundle,
+    batch: Batch,
     base: Sequence[Mapping],
     overrides: Mapping[str, Any],
     only: Sequence[int],
@@ -82,20 +82,20 @@ def screen(
     """
     args = case, base, overrides, only, residual, tangent
     try:
-        return try_bundle(bundle, *args, initial)
+        return try_bundle(batch, *args, initial)
     except LocoError as error:
-        if len(bundle.hypotheses) == 1:
-            (h,) = bundle.hypotheses
+        if len(batch.hypotheses) == 1:
+            (h,) = batch.hypotheses
             return [Screened(h, 0.0, tuple(h.starts()[0]), dead=True, failed=str(error))]
-    starts = initial or [None] * len(bundle.hypotheses)
+    starts = initial or [None] * len(batch.hypotheses)
     trials = []
-    for h, mask, at in zip(bundle.hypotheses, bundle.channels, starts, strict=True):
-        trials += screen(case, Bundle((h,), (mask,), bundle.passes), *args[1:], (at,) if at else ())
+    for h, mask, at in zip(batch.hypotheses, batch.channels, starts, strict=True):
+        trials += screen(case, Batch((h,), (mask,), batch.passes), *args[1:], (at,) if at else ())
     return trials
 
 
 def try_bundle(
-    bundle: Bundle,
+    batch: Batch,
     case: Case,
     base: Sequence[Mapping],
     overrides: Mapping[str, Any],
@@ -107,7 +107,7 @@ def try_bundle(
     """Screen hypotheses in separate branches of the robot together, on top of a model.
 
     Args:
-        bundle: Hypotheses to add.
+        batch: Hypotheses to add.
         case: Model and data.
         base: Effects that the model has already.
         overrides: Nominal values of that model.
@@ -120,11 +120,11 @@ def try_bundle(
     A branch of the robot whose residual is mostly noise is skipped (`Bundle.passes`).
     """
     column = case.channel_of(only)
-    starts = initial or [None] * len(bundle.hypotheses)
-    masks = [None if mask is None else mask[column] for mask in bundle.channels]
+    starts = initial or [None] * len(batch.hypotheses)
+    masks = [None if mask is None else mask[column] for mask in batch.channels]
     trials = [
-        _Trial(h, residual, tangent, rows, at, bundle.passes, smooth(h, case))
-        for h, rows, at in zip(bundle.hypotheses, masks, starts, strict=True)
+        _Trial(h, residual, tangent, rows, at, batch.passes, smooth(h, case))
+        for h, rows, at in zip(batch.hypotheses, masks, starts, strict=True)
     ]
     for k in range(max(len(trial.starts) for trial in trials)):
         for trial in trials:
@@ -154,11 +154,11 @@ class _Trial:
         self.whole = max(_square(self.left), 1e-300)
         mask = slice(None) if rows is None else rows  # only this branch's gap decides on sizes
         self.energy = max(_square(residual[mask]), 1e-300)
-        own = _square(self.left[mask])
-        self.idle = IDLE * own / self.whole
+        masked_square = _square(self.left[mask])
+        self.idle = NEGLIGIBLE * masked_square / self.whole
         self.apart = rows is not None and tangent is None  # then values of other branches stay
         self.left, self.rest = (
-            (self.left[rows], self.whole - own) if self.apart else (self.left, 0.0)
+            (self.left[rows], self.whole - masked_square) if self.apart else (self.left, 0.0)
         )
         quiet = passes and rows is not None and _quiet(residual, rows)
         self.starts = [initial] if initial else [] if quiet else hypothesis.starts()
@@ -319,9 +319,9 @@ class _Trial:
 
 
 def _quiet(residual: np.ndarray, rows: np.ndarray) -> bool:
-    """True if the residual of a branch is mostly noise, by `QUIET` and `NOISY`."""
+    """True if the residual of a branch is mostly noise, by `QUIET` and `NOISE_SHARE`."""
     excess = _square(residual[rows]) - rows.sum()
-    return excess < min(QUIET * _square(residual), NOISY * rows.sum())
+    return excess < min(QUIET * _square(residual), NOISE_SHARE * rows.sum())
 
 
 def _square(values: np.ndarray) -> float:

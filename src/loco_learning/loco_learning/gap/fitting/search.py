@@ -15,14 +15,14 @@ import numpy as np
 from loco_sim.effects import EFFECTS
 
 from ...jobs.pool import Jobs
-from ..hypotheses.bundles import Bundle
-from ..hypotheses.families import families
+from ..hypotheses.bundles import Batch
+from ..hypotheses.families import by_law
 from ..hypotheses.hypotheses import Hypothesis
 from ..params import GapParams
 from ..prediction.case import Case
 from ..statistics import evidence, noise
 from ..statistics.leftover import has_gap
-from .fit import Fitted, Setting, fit, polish, rough, settled, weigh
+from .fit import Fitted, Setting, converge, fit, refine, rough_fit, weigh
 from .screen import Screened, screen, smooth
 
 log = logging.getLogger(__name__)
@@ -35,18 +35,18 @@ CLOSE_RACE = 1.1  # ratio to the smallest rough rms up to which twice as many mo
 LEAST_GAIN = 0.05  # decrease of the log residual below which no further effect is sought
 REFITS = 3  # refits of nominal values, each with the residual scale of the previous one
 TANGENT_STEP = 0.05  # step of a size, or of the logarithm of a nominal value, for sensitivities
-SIBLINGS = 3  # effects of a kind at a place that are tested in pairs
+MAX_SIBLINGS = 3  # effects of a kind at a place that are tested in pairs
 PAIRS = 2  # pairs that are fitted
 # Increase of the log residual, fitted plus held-out, from the best model to the worst that is
 # refined: twice its rms (taste). A smooth model does not fall that far by refinement.
 IN_REACH = 2.0 * math.log(2.0)
-WORSE = 1.1  # ratio of the rms to that of a part of a model above which it is fitted anew (taste)
+EXCESS = 1.1  # ratio of the rms to that of a part of a model above which it is fitted anew (taste)
 DEEPEST = 4  # effects in one model, laws in several joints included (taste)
 DEEP = 3  # models of two or more effects that are fitted to convergence at each step
 
 
 @dataclass
-class Found:
+class Pool:
     """Result of a search.
 
     Attributes:
@@ -82,7 +82,7 @@ class Search:
         tasks: Pool of processes that run `call` with the case.
         report: Progress callback: completed share, stage, best name so far.
         nominal: Nominal values that are refitted.
-        bundled: Groups hypotheses that can be simulated together.
+        make_batches: Groups hypotheses that can be simulated together.
     """
 
     def __init__(
@@ -93,10 +93,10 @@ class Search:
         tasks: Jobs,
         report: Report,
         nominal: Mapping[str, float],
-        bundled: Callable[[Sequence[Hypothesis]], list[Bundle]],
+        make_batches: Callable[[Sequence[Hypothesis]], list[Batch]],
     ):
         self.case, self.hypotheses, self.params, self.tasks = case, hypotheses, params, tasks
-        self.report, self.nominal, self.bundled = report, dict(nominal), bundled
+        self.report, self.nominal, self.bundled = report, dict(nominal), make_batches
         self.joints = case.forward.robot().joints
         self.fits: dict[str, Fitted] = {}
 
@@ -111,51 +111,51 @@ class Search:
             seconds += self.case.records[i].duration
         return sorted(selected)
 
-    def singles(self) -> Found:
+    def singles(self) -> Pool:
         """Test effects one at a time, all starting from the user's own model.
 
         Effects must improve on refitted nominal values, but do not start from these: nominal values
         that compensate a missing effect would hide it.
         """
         self.report(0.02, "fitting the model as it came", "")
-        initial = weigh(self.case, (), self.nominal, given=True)
-        base = settled(self.case, (), self.nominal)
+        initial = weigh(self.case, (), self.nominal, initial=True)
+        base = converge(self.case, (), self.nominal)
         for _ in range(REFITS if self.nominal else 0):  # the robust loss gets narrower
             setting = Setting(self.params, self.nominal, base.overrides, self._scale(base), ())
             base = next(iter(self.each(fit, [((), setting)])))
         if self.nominal:
-            base = next(iter(self.each(polish, [(base, setting)])))
-        result, self.only = Found(initial, base), self._records_to_screen(initial)
+            base = next(iter(self.each(refine, [(base, setting)])))
+        result, self.only = Pool(initial, base), self._records_to_screen(initial)
         self.setting = Setting(
             self.params, self.nominal, self.nominal, self._scale(base), tuple(self.only)
         )
         if self.adequate(initial) or self.asked and self.adequate(base):
             return result  # otherwise an adequate `base` competes with effects
         result.screened = self._screen(initial, 0.05, 0.35)
-        grouped = [(one,) for one in families(result.screened, self.joints)]
+        grouped = [(one,) for one in by_law(result.screened, self.joints)]
         singles = [((s.hypothesis, s.x),) for s in self._chosen(result.screened)]
         self._tournament([*grouped, *singles], self.params.finalists)
         ranked = self._ranked(base)
         if ranked and not self.enough(ranked[0], base):
-            self._tournament(siblings(result.screened, self.params.screen_share), PAIRS)
+            self._tournament(sibling_pairs(result.screened, self.params.screen_share), PAIRS)
         result.models = self._ranked(base)
         self.report(0.6, "fitted single effects", self._best(base))
         return result
 
-    def together(self, found: Found) -> Found:
+    def together(self, pool: Pool) -> Pool:
         """Add one effect at a time to the best models until the residual is explained."""
-        base = found.base
-        level = self._leading(found.models)
+        base = pool.base
+        level = self._leading(pool.models)
         for depth in range(2, DEEPEST + 1):
             ranked, level = self._ranked(base), [m for m in level if self._extensible(m)]
             done = not ranked or self.enough(ranked[0], base) or self._idle(ranked, depth - 1)
             if done or not level:
                 break
-            self._deepen(level, found, depth)
+            self._deepen(level, pool, depth)
             level = self._leading([m for m in self._ranked(base) if len(m.parts) == depth])
-        found.models = self._ranked(base)
+        pool.models = self._ranked(base)
         self.report(0.95, "weighing", self._best(base))
-        return found
+        return pool
 
     def _scale(self, model: Fitted) -> float:
         """Scale of the robust loss for a model: three robust deviations of its residual."""
@@ -221,12 +221,12 @@ class Search:
 
     # ---- steps -----------------------------------------------------------------------
 
-    def _tournament(self, wanted: Sequence[tuple], most: int) -> list[Fitted]:
+    def _tournament(self, candidates: Sequence[tuple], limit: int) -> list[Fitted]:
         """Fit all models roughly, then the best of them to convergence."""
-        new = [parts for parts in wanted if _key(parts) not in self.fits]
+        new = [parts for parts in candidates if _key(parts) not in self.fits]
         tasks = [(parts, self.setting) for parts in new]
         scores = sorted(
-            ((rms, _key(parts), parts) for rms, parts in self.each(rough, tasks)),
+            ((rms, _key(parts), parts) for rms, parts in self.each(rough_fit, tasks)),
             key=lambda one: one[:2],
         )
         for rms, key, _ in scores:
@@ -235,34 +235,34 @@ class Search:
         last = [
             parts
             for i, (rms, _, parts) in enumerate(scores)
-            if i < most or (i < 2 * most and rms <= threshold)
+            if i < limit or (i < 2 * limit and rms <= threshold)
         ]
         fitted = self._fit(last)
         best = sorted(fitted, key=lambda m: (self.energy(m), m.key))[: self.params.polished]
         best = [m for m in best if self.in_reach(m)]
         tasks = [(model, self.setting) for model in best]
-        for old, model in zip(best, self.each(polish, tasks), strict=True):
+        for old, model in zip(best, self.each(refine, tasks), strict=True):
             log.info("polished %-45s %8.3f held %8.3f", model.key, model.fit_rms, model.held.rms)
             if self.energy(model) < self.energy(old):
                 self.fits[model.key] = model
         return fitted
 
-    def _fit(self, wanted: Sequence[tuple]) -> list[Fitted]:
+    def _fit(self, candidates: Sequence[tuple]) -> list[Fitted]:
         """Fitted models, each given as a tuple of (hypothesis, start); known fits are reused."""
-        new = [parts for parts in wanted if _key(parts) not in self.fits]
+        new = [parts for parts in candidates if _key(parts) not in self.fits]
         self.fits |= {_key(m.parts): m for m in self.fitted(new)}
-        return [self.fits[_key(parts)] for parts in wanted]
+        return [self.fits[_key(parts)] for parts in candidates]
 
-    def fitted(self, wanted: Sequence[tuple]) -> list[Fitted]:
+    def fitted(self, candidates: Sequence[tuple]) -> list[Fitted]:
         """New fits; values of the robot are fitted by simulation only if that can matter."""
-        models = list(self.each(fit, [(parts, self.setting, False) for parts in wanted]))
-        again = [i for i, m in enumerate(models) if m.hope < 1.0 and self.in_reach(m, models)]
-        tasks = [(models[i].parts, models[i].overrides, models[i].cost) for i in again]
-        for i, model in zip(again, self.each(settled, tasks), strict=True):
+        models = list(self.each(fit, [(parts, self.setting, False) for parts in candidates]))
+        unconverged = [i for i, m in enumerate(models) if m.hope < 1.0 and self.in_reach(m, models)]
+        tasks = [(models[i].parts, models[i].overrides, models[i].cost) for i in unconverged]
+        for i, model in zip(unconverged, self.each(converge, tasks), strict=True):
             models[i] = model
-        worse = [(i, parts) for i, m in enumerate(models) if (parts := self._from_fewer(m))]
-        tasks = [(parts, self.setting, False) for _, parts in worse]
-        for (i, _), model in zip(worse, self.each(fit, tasks), strict=True):
+        improvable = [(i, parts) for i, m in enumerate(models) if (parts := self._from_fewer(m))]
+        tasks = [(parts, self.setting, False) for _, parts in improvable]
+        for (i, _), model in zip(improvable, self.each(fit, tasks), strict=True):
             models[i] = min((models[i], model), key=self.energy)
         for m in models:
             log.info("fit %-50s %8.3f held %8.3f", m.key, m.fit_rms, m.held.rms)
@@ -274,18 +274,18 @@ class Search:
         A limit of a torque may start beside friction that, without the limit, was far larger, and
         that now holds the joint whatever its size. Empty if no such model fits better.
         """
-        best: tuple = (model.fit_rms / WORSE, ())
+        best: tuple = (model.fit_rms / EXCESS, ())
         for i, (h, *_) in enumerate(model.parts):
-            fewer = self.fits.get(_key((*model.parts[:i], *model.parts[i + 1 :])))
-            if fewer is not None and fewer.fit_rms < best[0]:
-                best = fewer.fit_rms, (*fewer.parts, (h, tuple(h.starts()[0])))
+            reduced = self.fits.get(_key((*model.parts[:i], *model.parts[i + 1 :])))
+            if reduced is not None and reduced.fit_rms < best[0]:
+                best = reduced.fit_rms, (*reduced.parts, (h, tuple(h.starts()[0])))
         return best[1]
 
     def in_reach(self, model: Fitted, among: Sequence[Fitted] = ()) -> bool:
         """True if a model may come near the best one, of the search or `among`, by refinement."""
-        least = min(self.energy(m) for m in (*self.fits.values(), *among, model))
+        lowest = min(self.energy(m) for m in (*self.fits.values(), *among, model))
         smooth = all(EFFECTS[name].identity.smooth for name in model.names)
-        return not smooth or self.energy(model) + math.log(model.hope) <= least + IN_REACH
+        return not smooth or self.energy(model) + math.log(model.hope) <= lowest + IN_REACH
 
     def _best(self, base: Fitted) -> str:
         """Name of the best model so far."""
@@ -308,21 +308,21 @@ class Search:
         return self._chosen(self._screen(model, 0.95, 0.95, before), AT_LEAST)
 
     @staticmethod
-    def failed(screened: Sequence[Screened]) -> list[tuple[str, str]]:
+    def failed(screening: Sequence[Screened]) -> list[tuple[str, str]]:
         """Keys of the hypotheses with which the robot cannot be built, with the reasons."""
-        return [(s.hypothesis.key, s.failed) for s in screened if s.failed]
+        return [(s.hypothesis.key, s.failed) for s in screening if s.failed]
 
-    def _alone(self, model: Fitted, screened: list[Screened], at: float) -> list[Screened]:
+    def _alone(self, model: Fitted, screening: list[Screened], at: float) -> list[Screened]:
         """Second screening, on the record with the largest residual, of effects without a share.
 
         A large friction stops a joint in one record; in another it only shifts a swing, and at a
         wrong size by more than the residual. Smooth effects act alike in all records.
         """
         loud = self.only[np.argmax([evidence.rms([model.whole[i]]) for i in self.only])]
-        weak = [s for s in screened if s.share < self.params.screen_share and not s.dead]
+        weak = [s for s in screening if s.share < self.params.screen_share and not s.dead]
         weak = [s.hypothesis for s in weak if not smooth(s.hypothesis, self.case)]
         if len(self.only) < 2 or not weak:
-            return screened
+            return screening
         energy, every = (
             float(np.sum(np.square(self.case.vector(model.specs, model.overrides, only))))
             for only in ([loud], self.only)
@@ -330,7 +330,7 @@ class Search:
         improved = {}
         for s in self._tried(model, weak, [loud], (at, at), {}):
             improved[s.hypothesis.key] = replace(s, share=s.share * energy / max(every, 1e-300))
-        return [max(s, improved.get(s.hypothesis.key, s), key=lambda s: s.share) for s in screened]
+        return [max(s, improved.get(s.hypothesis.key, s), key=lambda s: s.share) for s in screening]
 
     def _tried(
         self,
@@ -384,9 +384,9 @@ class Search:
         live = [c / np.linalg.norm(c) for c in columns if np.linalg.norm(c) > 1e-9]
         return np.linalg.qr(np.stack(live, axis=1))[0] if live else None
 
-    def _chosen(self, screened: Sequence[Screened], count: int = 0) -> list[Screened]:
+    def _chosen(self, screening: Sequence[Screened], count: int = 0) -> list[Screened]:
         """The best places of those effects that explain most."""
-        ordered = sorted(screened, key=lambda s: (-s.share, s.hypothesis.key))
+        ordered = sorted(screening, key=lambda s: (-s.share, s.hypothesis.key))
         max_share = ordered[0].share if ordered else 0.0
         threshold = max(self.params.screen_share, LEAST_OF_BEST * max_share)
         by_variant: dict[tuple[str, str], list[Screened]] = {}
@@ -398,24 +398,24 @@ class Search:
         groups = [group for group in by_variant.values() if group][: count or self.params.keep]
         return [one for group in groups for one in group]
 
-    def _deepen(self, level: Sequence[Fitted], found: Found, depth: int) -> None:
+    def _deepen(self, level: Sequence[Fitted], pool: Pool, depth: int) -> None:
         """Add one effect to each of some models, until one of the results is enough."""
         for i, model in enumerate(level):
             at = 0.6 + 0.07 * (depth - 2) + 0.07 * i / max(len(level), 1)
-            results = self._screen(model, at, at + 0.03, found.screened)
+            results = self._screen(model, at, at + 0.03, pool.screened)
             selected = [(s.hypothesis, s.x) for s in self._chosen(results, AT_LEAST)]
             present = {h.key for h, _ in model.parts}
             best = max((s.share for s in results), default=0.0)
             grouped = [
-                one for one in families(results, self.joints, best) if one[0].key not in present
+                one for one in by_law(results, self.joints, best) if one[0].key not in present
             ]
             extended = [(*model.parts, one) for one in (*grouped, *selected)]
             fitted = self._tournament(extended, min(DEEP, self.params.finalists))
-            if any(self.enough(m, found.base) for m in fitted):
+            if any(self.enough(m, pool.base) for m in fitted):
                 break  # `judge` looks for rivals of its effects
 
 
-def siblings(screened: Sequence[Screened], least: float) -> list[tuple]:
+def sibling_pairs(screening: Sequence[Screened], min_share: float) -> list[tuple]:
     """Pairs of effects of one kind at one place, where that kind explains most.
 
     The zero and the gain of an encoder are off together, or a joint has friction by two laws. Each
@@ -423,18 +423,18 @@ def siblings(screened: Sequence[Screened], least: float) -> list[tuple]:
     extended.
 
     Args:
-        screened: Share that each hypothesis explains alone.
-        least: Smallest share that is considered.
+        screening: Share that each hypothesis explains alone.
+        min_share: Smallest share that is considered.
     """
     groups: dict[tuple[str, str], dict[str, Screened]] = {}
-    for one in sorted(screened, key=lambda s: (-s.share, s.hypothesis.key)):
+    for one in sorted(screening, key=lambda s: (-s.share, s.hypothesis.key)):
         h = one.hypothesis
         kind = EFFECTS[h.effect].identity.kind
-        if kind and h.place and not one.dead and one.share >= least:
+        if kind and h.place and not one.dead and one.share >= min_share:
             groups.setdefault((kind, h.place), {}).setdefault(h.effect, one)
     first: dict[str, list[Screened]] = {}
     for (kind, _), members in groups.items():  # ordered by the largest share
-        first.setdefault(kind, list(members.values())[:SIBLINGS])
+        first.setdefault(kind, list(members.values())[:MAX_SIBLINGS])
     return [
         tuple((s.hypothesis, s.x) for s in pair)
         for members in first.values()

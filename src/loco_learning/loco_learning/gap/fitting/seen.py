@@ -13,7 +13,7 @@ import numpy as np
 
 from ..prediction.case import Case
 from ..statistics import identify
-from .fit import Fitted, Setting, polish
+from .fit import Fitted, Setting, refine
 
 MOVED = 0.05  # simulated part of a typical change; the response is scaled up linearly
 # Response to a typical change of a parameter, in standard deviations of the noise. Theory: below
@@ -21,13 +21,13 @@ MOVED = 0.05  # simulated part of a typical change; the response is scaled up li
 NOTICED = 1.0
 
 
-def finish(case: Case, model: Fitted, setting: Setting, near: bool = True) -> Fitted:
-    """Polish a model that is `near` the best and count the parameters that the data can see."""
-    refined = polish(case, model, setting) if near else model
-    return replace(refined, seen=seen(case, refined))
+def finalize(case: Case, model: Fitted, setting: Setting, close: bool = True) -> Fitted:
+    """Polish a model that is `close` to the best and count the parameters that the data can see."""
+    refined = refine(case, model, setting) if close else model
+    return replace(refined, seen=observable_count(case, refined))
 
 
-def seen(case: Case, model: Fitted) -> int:
+def observable_count(case: Case, model: Fitted) -> int:
     """Number of parameters that each alone change the measured signals noticeably.
 
     Args:
@@ -35,7 +35,7 @@ def seen(case: Case, model: Fitted) -> int:
         model: Fitted model.
     """
     case = case.kept()  # compensation by values of the robot is not considered here
-    reference = identify.flat(case.whitened(model.specs, model.settled, coarse=True))
+    reference = identify.pack(case.whitened(model.specs, model.settled, coarse=True))
     weight = np.sqrt(identify.weights(model.score))
     count = 0
     for i, (hypothesis, x) in enumerate(model.parts):
@@ -44,7 +44,7 @@ def seen(case: Case, model: Fitted) -> int:
             step = MOVED * typical
             step = step if c.clipped(x[j] + step) == x[j] + step else -step
             specs = model.moved(i, [v + step * (k == j) for k, v in enumerate(x)])
-            shifted = identify.flat(case.whitened(specs, model.settled, coarse=True))
+            shifted = identify.pack(case.whitened(specs, model.settled, coarse=True))
             change = np.clip(np.nan_to_num(shifted - reference), -case.cap, case.cap) * weight
             count += float(np.linalg.norm(change)) / MOVED >= NOTICED
     return count

@@ -64,18 +64,18 @@ def _effect(fleet: Fleet, k: int) -> dict[str, Any]:
 
 def _robot(fleet: Fleet, robot: str) -> dict[str, Any]:
     """A robot with its effects, and what its searches said."""
-    mine = [row for row in fleet.recordings if row.robot == robot]
-    pooled, counts = fleet.pooled, Counter(row.day for row in mine)
+    robot_rows = [row for row in fleet.recordings if row.robot == robot]
+    pooled, counts = fleet.pooled, Counter(row.day for row in robot_rows)
     return {
         "robot": robot,
-        "recordings": len(mine),
+        "recordings": len(robot_rows),
         "searches": [
             {"day": day, "verdict": one.verdict, "evidence": one.evidence}
             for day, one in fleet.searches.get(robot, {}).items()
         ],
         "effects": [_course(fleet, robot, k) for k in range(len(fleet.terms))],
         "days": [{"day": day, "recordings": counts[day]} for day in pooled.days[robot]],
-        "unexplained": sum(not pooled.verified[row.file].explained for row in mine),
+        "unexplained": sum(not pooled.verified[row.file].explained for row in robot_rows),
     }
 
 

@@ -15,8 +15,8 @@ from typing import NamedTuple
 import numpy as np
 from scipy.special import logsumexp
 
-ABSENT, ALWAYS, BEGINS, ENDS, CHANGES = "absent", "always", "begins", "ends", "changes"
-_PRESENT = {ABSENT: (False,), ALWAYS: (True,), BEGINS: (False, True), ENDS: (True, False),
+ABSENT, ALWAYS, APPEARS, DISAPPEARS, CHANGES = "absent", "always", "begins", "ends", "changes"
+_PRESENT = {ABSENT: (False,), ALWAYS: (True,), APPEARS: (False, True), DISAPPEARS: (True, False),
           CHANGES: (True, True)}  # fmt: skip
 
 
@@ -32,7 +32,7 @@ class Course:
     """Most probable course of an effect over D days.
 
     Attributes:
-        kind: `ABSENT`, `ALWAYS`, `BEGINS`, `ENDS` or `CHANGES`.
+        kind: `ABSENT`, `ALWAYS`, `APPEARS`, `DISAPPEARS` or `CHANGES`.
         present: Probability that the effect is there on any day.
         probability: Probability of the kind.
         change: Index of the first day after the change; None without one.
@@ -63,11 +63,11 @@ def course(
         absent: Probability, before the data, that the effect is absent on all days.
     """
     paths = list(_paths(len(sizes)))
-    kinds = [path.kind for path in paths]
-    others = len(set(kinds) - {ABSENT})
+    labels = [path.kind for path in paths]
+    n_present = len(set(labels) - {ABSENT})
     prior = [
-        math.log(absent if k == ABSENT else (1.0 - absent) / others) - math.log(kinds.count(k))
-        for k in kinds
+        math.log(absent if k == ABSENT else (1.0 - absent) / n_present) - math.log(labels.count(k))
+        for k in labels
     ]
     logs = np.array([
         p + sum(
@@ -77,9 +77,9 @@ def course(
         for p, path in zip(prior, paths, strict=True)
     ])  # fmt: skip
     share = np.exp(logs - logsumexp(logs))
-    of_kind = {k: float(share[[kind == k for kind in kinds]].sum()) for k in dict.fromkeys(kinds)}
+    of_kind = {k: float(share[[kind == k for kind in labels]].sum()) for k in dict.fromkeys(labels)}
     kind = max(of_kind, key=of_kind.__getitem__)
-    best = max((i for i, k in enumerate(kinds) if k == kind), key=share.__getitem__)
+    best = max((i for i, k in enumerate(labels) if k == kind), key=share.__getitem__)
     level, error = np.zeros(len(sizes)), np.zeros(len(sizes))
     for part, present in _parts(paths[best], len(sizes)):
         if present:
@@ -97,8 +97,8 @@ def _paths(days: int) -> Iterator[_Path]:
 
 def _parts(path: _Path, days: int) -> Iterator[tuple[slice, bool]]:
     """Parts of a course, and whether the effect is there."""
-    ends = [0, path.change, days] if path.change else [0, days]
-    parts = zip(ends[:-1], ends[1:], _PRESENT[path.kind], strict=True)
+    edges = [0, path.change, days] if path.change else [0, days]
+    parts = zip(edges[:-1], edges[1:], _PRESENT[path.kind], strict=True)
     yield from ((slice(a, b), present) for a, b, present in parts)
 
 

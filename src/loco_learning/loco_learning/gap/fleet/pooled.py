@@ -122,10 +122,10 @@ def _between_days(robots: Sequence[tuple[Sequence[Mean], Course]]) -> float:
         present = path.variances > 0.0
         rows += [(*one, 2 * r + a, t) for one, a, t in zip(sizes, after, present, strict=True)]
     m, u, group, present = np.array(rows).T
-    some = present > 0.0
-    if some.sum() == len(np.unique(group[some])):
-        some[:] = True
-    return pooling.between(m[some], u[some], group[some])
+    is_present = present > 0.0
+    if is_present.sum() == len(np.unique(group[is_present])):
+        is_present[:] = True
+    return pooling.between(m[is_present], u[is_present], group[is_present])
 
 
 def _largest(one: Course) -> tuple[float, float]:

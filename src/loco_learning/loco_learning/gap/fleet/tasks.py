@@ -225,4 +225,4 @@ def _case(setting: Setting, file: tuple, overrides: Mapping[str, Any]) -> Case:
     base = setting.model
     model = Model(base.robot, {**base.overrides, **overrides}, base.effects)
     record = _excerpt(setting, file, setting.params.seconds)
-    return cases.whole(workflow.forward_of(model, [record], setting.gap), [record])
+    return cases.fit_all_rows(workflow.forward_of(model, [record], setting.gap), [record])

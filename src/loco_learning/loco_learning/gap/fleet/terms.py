@@ -12,9 +12,9 @@ import numpy as np
 from loco_control.params import limits
 from loco_sim.effects.base import EFFECTS
 
-from ..verdict.decide import AMBIGUOUS, MORE, NAMED
+from ..verdict.decide import AMBIGUOUS, NAMED, PARTLY
 
-PLACES = ("joint", "link", "foot")
+LOCATION_KEYS = ("joint", "link", "foot")
 
 
 @dataclass(frozen=True)
@@ -71,7 +71,7 @@ def terms_of(result: Mapping[str, Any], count: int) -> list[Term]:
         result: Contents of ``gap.json``.
         count: Number of effects of the model before the search.
     """
-    if result["verdict"] not in (NAMED, MORE, AMBIGUOUS):
+    if result["verdict"] not in (NAMED, PARTLY, AMBIGUOUS):
         return []
     probable = result["probability"]["effects"] if result["probability"] else {}
     return [
@@ -81,7 +81,7 @@ def terms_of(result: Mapping[str, Any], count: int) -> list[Term]:
 
 def _term(spec: Mapping[str, Any], probability: float) -> Term:
     kind, name = EFFECTS[spec["name"]], spec["name"]
-    place = next((str(spec[key]) for key in PLACES if spec.get(key)), "")
+    place = next((str(spec[key]) for key in LOCATION_KEYS if spec.get(key)), "")
     strengths = [n for n in kind.identity.strengths if np.any(spec.get(n, 0.0))]
     parameter = strengths[0]
     value = spec[parameter]

@@ -21,7 +21,7 @@ from .hypotheses import Hypothesis
 
 
 @dataclass(frozen=True)
-class Bundle:
+class Batch:
     """Hypotheses to test together.
 
     Attributes:
@@ -41,13 +41,13 @@ class Bundle:
         return self.hypotheses[0].key
 
 
-def bundles(
+def batches(
     robot: Robot,
     channels: Sequence,
     hypotheses: Sequence[Hypothesis],
     fixed_base: bool,
-    led: bool = False,
-) -> list[Bundle]:
+    inverse: bool = False,
+) -> list[Batch]:
     """Bundles of all hypotheses, in the order of the first hypothesis of each.
 
     Args:
@@ -55,33 +55,33 @@ def bundles(
         channels: Channels of the residual, with `name`.
         hypotheses: Hypotheses to test.
         fixed_base: Whether the base is fixed in every record.
-        led: Whether torques are computed along the measured motion (inverse dynamics), so that an
-            effect in one joint changes no other.
+        inverse: Whether torques are computed along the measured motion (inverse dynamics), so
+            that an effect in one joint changes no other.
     """
-    spots = _spots(robot) if fixed_base else {}
-    if led:
-        spots = {joint: (i, 0) for i, joint in enumerate(robot.joints)}
-    branches = {branch for branch, _ in spots.values()}
+    positions = _branch_positions(robot) if fixed_base else {}
+    if inverse:
+        positions = {joint: (i, 0) for i, joint in enumerate(robot.joints)}
+    branches = {branch for branch, _ in positions.values()}
     if len(branches) < 2:
-        return [Bundle((h,), (None,)) for h in hypotheses]
+        return [Batch((h,), (None,)) for h in hypotheses]
     flags = {
-        branch: np.array([spots.get(c.name, (-1, 0))[0] == branch for c in channels])
+        branch: np.array([positions.get(c.name, (-1, 0))[0] == branch for c in channels])
         for branch in branches
     }
     groups: dict[tuple, list[Hypothesis]] = {}
     for i, h in enumerate(hypotheses):
-        at = spots.get(h.place)
+        at = positions.get(h.place)
         key = (h.effect, h.variant, at[1]) if at else (h.effect, h.variant, i, "")
         groups.setdefault(key, []).append(h)
     result = []
     for group in groups.values():
-        single = group[0].place not in spots
-        masks = [None if single else flags[spots[h.place][0]] for h in group]
-        result.append(Bundle(tuple(group), tuple(masks), not led))
+        single = group[0].place not in positions
+        masks = [None if single else flags[positions[h.place][0]] for h in group]
+        result.append(Batch(tuple(group), tuple(masks), not inverse))
     return result
 
 
-def _spots(robot: Robot) -> dict[str, tuple[int, int]]:
+def _branch_positions(robot: Robot) -> dict[str, tuple[int, int]]:
     """Branch index of each joint and link, and its depth in the branch."""
     text, positions = Description(robot.urdf), {}
     for branch, chain in enumerate(chains(robot)):

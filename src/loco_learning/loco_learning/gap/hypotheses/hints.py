@@ -21,7 +21,7 @@ SPEED_TIME = 0.05  # [s] of a speed's average, so that one step of a coarse enco
 ENERGY_TIME = 0.1  # [s] over which the energy of a residual is averaged
 QUIET, LOUD_SHARE = 3.0, 0.1  # large energy: above both, times the median and share of the maximum
 LONGEST_SHARE = 0.7  # largest share of a record that an interval may cover
-APART = 0.3  # largest difference of the starts of an interval in different records [s]
+MAX_SHIFT = 0.3  # largest difference of the starts of an interval in different records [s]
 MOST_INTERVALS = 3  # largest number of intervals
 LEAST_PERIODS, COUNTS = 1.5, (1.0, 300.0)  # periods of a ripple in the travel, and per 2 pi (taste)
 PEAK = 4.0  # amplitude of a ripple over the median amplitude of all counts (taste)
@@ -29,7 +29,7 @@ MOST_ROWS, MOST_COUNTS = 4000, 600  # rows and counts that are evaluated (time)
 MOST_RIPPLES = 3  # counts that are tested at a joint
 # Torque of a limit over the torque of the initial model, far from reached and barely reached
 # (taste). Another effect may ask for more torque, and a reading is a mean over a period.
-FAR, BARELY = 2.0, 0.9
+CLEAR, BARELY = 2.0, 0.9
 # Smallest strength that limits drives at shares of their limits, while they drive at a speed.
 SMALLEST = {
     "torque_limit": lambda share, speed: 1.0 - share.max(),
@@ -54,7 +54,7 @@ def find(case: Case, robot: Robot) -> Motion:
     residuals = case.masked(case.whitened([], only=fitted), fitted, held=False)
     dts = [case.records[i].dt for i in fitted]
     by_channel = [[r[:, [c]] for r in residuals] for c in range(residuals[0].shape[1])]
-    intervals = [interval(residuals, dts), *(interval(one, dts, agree=True) for one in by_channel)]
+    intervals = [interval(residuals, dts), *(interval(one, dts, sync=True) for one in by_channel)]
     channels = case.forward.channels
     waves = []
     for j, joint in enumerate(robot.joints):
@@ -79,7 +79,7 @@ def sized(hypotheses: Sequence[Hypothesis], forward: Forward) -> list[Hypothesis
             at = [robot.joints.index(joint) for joint in members(robot, h.place)]
             share = np.abs(torque[:, at]) / robot.effort[at]
             driving = np.maximum(speed * np.sign(torque), 0.0)[:, at]
-            low, start = (max(0.0, float(smallest(by * share, driving))) for by in (FAR, BARELY))
+            low, start = (max(0.0, float(smallest(by * share, driving))) for by in (CLEAR, BARELY))
             c = h.coordinates[0]
             if low < start < c.high:
                 h = replace(h, coordinates=(replace(c, origin=low, low=low, size=start - low),))
@@ -152,14 +152,14 @@ def distinct(intervals: Sequence[tuple[float, float]]) -> tuple[tuple[float, flo
 
 
 def interval(
-    residuals: Sequence[np.ndarray], dts: Sequence[float], agree: bool = False
+    residuals: Sequence[np.ndarray], dts: Sequence[float], sync: bool = False
 ) -> tuple[float, float] | None:
     """Time interval outside of which all residuals are small [s]; None if there is none.
 
     Args:
         residuals: Whitened, (T, C) per record.
         dts: Sampling period of each record [s].
-        agree: Whether it must start at about the same time in all records that show it.
+        sync: Whether it must start at about the same time in all records that show it.
     """
     starts, stops = [], []
     for r, dt in zip(residuals, dts, strict=True):
@@ -179,6 +179,6 @@ def interval(
         stops.append(loud[-1] * dt)
     if 2 * len(starts) < len(residuals) or not starts:
         return None
-    if agree and np.ptp(starts) > APART:
+    if sync and np.ptp(starts) > MAX_SHIFT:
         return None
     return round(float(np.median(starts)), 3), round(float(np.median(stops)), 3)

@@ -118,25 +118,25 @@ def separable(
     return rest, [(name, f"no recording tells it from {twin_names[name]}") for name in sorted(left)]
 
 
-def offer(robot: Robot, signals: Sequence[str], hints: Motion) -> list[Hypothesis]:
+def offer(robot: Robot, signals: Sequence[str], motion: Motion) -> list[Hypothesis]:
     """All hypotheses about a robot.
 
     Args:
         robot: Robot of the model.
         signals: Measured signals, e.g. ("q", "dq", "gyro").
-        hints: Travel of the joints, and times at which the residual is large.
+        motion: Travel of the joints, and times at which the residual is large.
     """
     return [
         Hypothesis(name, *entry)
         for name in effects.applicable(robot)
         if not EFFECTS[name].identity.untried
-        for entry in EFFECTS[name].offers(robot, signals, hints)
+        for entry in EFFECTS[name].offers(robot, signals, motion)
     ]
 
 
-def untried(robot: Robot, offered: Sequence[Hypothesis]) -> list[tuple[str, str]]:
+def omitted(robot: Robot, hypotheses: Sequence[Hypothesis]) -> list[tuple[str, str]]:
     """Effects that apply to a robot but that no hypothesis contains, each with the reason."""
-    present = {h.effect for h in offered}
+    present = {h.effect for h in hypotheses}
     return [
         (name, EFFECTS[name].identity.untried or NOTHING_TO_TRY)
         for name in effects.applicable(robot)

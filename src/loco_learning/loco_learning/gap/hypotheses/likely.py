@@ -21,12 +21,12 @@ from ..prediction.case import Case
 from ..statistics import evidence
 from .hypotheses import Hypothesis
 
-PIECES = 6  # pieces of each record that are simulated
+N_SEGMENTS = 6  # pieces of each record that are simulated
 CONSPICUOUS = 0.5  # share of the largest gap of a joint above which a joint is tested by itself
 MOST_JOINTS = 4  # conspicuous joints; with more of them, none is tested by itself
-KEPT = 24  # hypotheses that are kept
-PLACES = 1  # places of each effect that are kept, at least
-WORTH = 3.0  # smallest evidence for it [nat]; a useless parameter gains half a nat (theory)
+MAX_HYPOTHESES = 24  # hypotheses that are kept
+MIN_PLACES = 1  # places of each effect that are kept, at least
+MIN_EVIDENCE = 3.0  # smallest evidence for it [nat]; a useless parameter gains half a nat (theory)
 ROUNDS, KEEPS = 2, 0.7  # linear steps; share of their predicted decrease that is enough (taste)
 GROW, SHRINK = 30.0, 0.03  # largest and smallest factor from one tried size to the next
 JOINT_SIGNALS = ("q", "dq", "tau")
@@ -34,7 +34,7 @@ JOINT_SIGNALS = ("q", "dq", "tau")
 Each = Callable[[Callable, Sequence[tuple]], Iterator[Any]]
 
 
-def likely(
+def likely_hypotheses(
     case: Case, hypotheses: Sequence[Hypothesis], each: Each
 ) -> tuple[list[Hypothesis], list[tuple[str, str]], list[tuple]]:
     """Hypotheses that are worth a search.
@@ -54,10 +54,10 @@ def likely(
     results = list(each(share, [(h,) for h in candidates]))
     shares = [result for result, _ in results]
     order = sorted(range(len(candidates)), key=lambda i: (-shares[i], candidates[i].key))
-    retained = set(order[:KEPT])
+    retained = set(order[:MAX_HYPOTHESES])
     for effect in {h.effect for h in candidates}:
         ranked = [i for i in order if candidates[i].effect == effect and shares[i] > 0.0]
-        retained |= set(ranked[:PLACES])
+        retained |= set(ranked[:MIN_PLACES])
     left = [h for i, h in enumerate(candidates) if i in retained and shares[i] > 0.0]
     unused = {h.effect for h in hypotheses} - {h.effect for h in left}
     notes = [(name, "it explains nothing of a few pieces on the ground") for name in sorted(unused)]
@@ -88,7 +88,7 @@ def share(case: Case, hypothesis: Hypothesis) -> tuple[float, list[float]]:
     Returns:
         The share, and the coordinates there.
     """
-    subset = case.fewer(PIECES)
+    subset = case.fewer(N_SEGMENTS)
     before = subset.vector([], coarse=True)
     starts = hypothesis.starts()
     both_ways = [s for s in starts[1:] if _opposite(hypothesis, s, starts[0])]
@@ -97,7 +97,7 @@ def share(case: Case, hypothesis: Hypothesis) -> tuple[float, list[float]]:
     except LocoError:
         return 0.0, list(starts[0])
     best = max(tries, key=itemgetter(0))
-    return best if best[0] * _square(before) > 2.0 * WORTH else (0.0, best[1])
+    return best if best[0] * _square(before) > 2.0 * MIN_EVIDENCE else (0.0, best[1])
 
 
 def _opposite(hypothesis: Hypothesis, x: Sequence[float], first: Sequence[float]) -> bool:

@@ -19,7 +19,7 @@ from .localise import JOINT_SIGNALS
 KIND = "correction: not an explanation"
 PENALTIES = 10.0 ** np.arange(-4.0, 3.0)  # times the number of samples
 FOLDS = 5
-SLOW = 0.1  # [rad/s, m/s] speed below which the sign of the velocity is smoothed
+SMOOTH_SPEED = 0.1  # [rad/s, m/s] speed below which the sign of the velocity is smoothed
 LEAST_EXPLAINED = 0.05  # smallest cross-validated share of a channel's residual for a correction
 
 
@@ -110,7 +110,7 @@ def features(record: Record, joints: Sequence[str]) -> tuple[list[str], np.ndarr
     for joint in joints:
         q, dq = position(record, joint), speed(record, joint)
         laws = {"q": q, "dq": dq, "q^2": q**2, "q^3": q**3, "q dq": q * dq, "dq|dq|": dq * abs(dq)}
-        laws["side of dq"] = np.tanh(dq / SLOW)
+        laws["side of dq"] = np.tanh(dq / SMOOTH_SPEED)
         for kind, values in record.command.items():
             if joint in record.driven:
                 command = values[:, record.driven.index(joint)]

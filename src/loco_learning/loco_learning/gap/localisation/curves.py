@@ -178,12 +178,12 @@ def _compared(measured: np.ndarray) -> slice:
     return slice(samples[0] % every, None, every) if samples else slice(None)
 
 
-def _predicted(measured: np.ndarray, whole: np.ndarray, floor: np.ndarray) -> np.ndarray:
+def _predicted(measured: np.ndarray, residual: np.ndarray, floor: np.ndarray) -> np.ndarray:
     """Prediction from a whitened residual, NaN where it diverged: inverse of `whiten`."""
-    return np.where(np.abs(whole) < evidence.LIMIT, measured + whole * floor, np.nan)
+    return np.where(np.abs(residual) < evidence.LIMIT, measured + residual * floor, np.nan)
 
 
-def joined(air: Curves, ground: Curves) -> Curves:
+def merge(air: Curves, ground: Curves) -> Curves:
     """Curves of a robot in the air and on the ground; only rows on the ground are judged."""
     channels = tuple(dict.fromkeys([*ground.channels, *air.channels]))
     first = [replace(r, judged=np.zeros_like(r.judged)) for r in _over(channels, air)]

@@ -68,8 +68,8 @@ def _shifted(y: np.ndarray, by: int) -> np.ndarray:
     return out
 
 
-def _interval(values: np.ndarray, key: str, made: Callable) -> Error:
-    """Mean over finite values and its interval over blocks, both transformed by `made`."""
+def _interval(values: np.ndarray, key: str, transform: Callable) -> Error:
+    """Mean over finite values and its interval over blocks, both transformed by `transform`."""
     parts = [p[np.isfinite(p)] for p in np.array_split(values, BLOCKS)]
     parts = [p for p in parts if len(p)]
     if not parts:
@@ -79,7 +79,7 @@ def _interval(values: np.ndarray, key: str, made: Callable) -> Error:
     drawn = rng.integers(0, len(parts), (DRAWS, len(parts)))
     means = sums[drawn].sum(axis=1) / counts[drawn].sum(axis=1)
     low, high = np.quantile(means, [0.5 - SHARE / 2, 0.5 + SHARE / 2])
-    return Error(*(float(made(x)) for x in (sums.sum() / counts.sum(), low, high)))
+    return Error(*(float(transform(x)) for x in (sums.sum() / counts.sum(), low, high)))
 
 
 def error_rows(curves: Curves) -> list[list[str]]:

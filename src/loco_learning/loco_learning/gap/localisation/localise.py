@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from ..prediction.phases import WHOLE, phases, position
+from ..prediction.phases import ALL_ROWS, phases, position
 from ..recordings.record import Record, spacing
 
 BANDS = (1.0, 5.0, 20.0)  # edges of the frequency bands [Hz]
@@ -83,7 +83,7 @@ def localise(
     channels: Sequence,
     residuals: Sequence[np.ndarray],
     rng: np.random.Generator,
-    most: float = 0.8,
+    main_share: float = 0.8,
 ) -> GapMap:
     """Divide the gap among cells.
 
@@ -92,7 +92,7 @@ def localise(
         channels: Column names of the residuals, with `signal` and `name`.
         residuals: Whitened, (T, C) per record; NaN = not measured.
         rng: Source of the resampling.
-        most: Share that the main cells hold together.
+        main_share: Share that the main cells hold together.
     """
     sums = _Sums(max(BLOCKS, len(records)))
     lengths = np.array([len(r.t) for r in records])
@@ -107,7 +107,7 @@ def localise(
     keys = list(sums.rows)
     if not keys:
         return GapMap((), 0)
-    return _ranked(keys, np.stack([sums.rows[k] for k in keys], axis=1)[:first], rng, most)
+    return _ranked(keys, np.stack([sums.rows[k] for k in keys], axis=1)[:first], rng, main_share)
 
 
 def band_names(rate: float) -> list[str]:
@@ -159,7 +159,7 @@ def _add(
         return
     joint = channel.name if channel.signal in JOINT_SIGNALS else ""
     names, phase = phases(record, joint)
-    regions, region = WHOLE, np.zeros(len(record.t), dtype=int)
+    regions, region = ALL_ROWS, np.zeros(len(record.t), dtype=int)
     if joint in record.joints and ranges[joint] is not None:
         low, high = ranges[joint]
         regions = (f"q < {low:.2g}", f"{low:.2g} < q < {high:.2g}", f"q > {high:.2g}")
@@ -186,7 +186,7 @@ def _thirds(records: Sequence[Record], joint: str) -> tuple[float, float] | None
 
 
 def _ranked(
-    keys: list[tuple[str, ...]], blocks: np.ndarray, rng: np.random.Generator, most: float
+    keys: list[tuple[str, ...]], blocks: np.ndarray, rng: np.random.Generator, main_share: float
 ) -> GapMap:
     """Cells with shares; `blocks` (B, K) holds the excess energies."""
     n = len(blocks)
@@ -204,7 +204,7 @@ def _ranked(
         for i in order
     )
     reached = np.cumsum([c.share for c in cells])
-    return GapMap(cells, min(int(np.searchsorted(reached, most)) + 1, len(cells)))
+    return GapMap(cells, min(int(np.searchsorted(reached, main_share)) + 1, len(cells)))
 
 
 def _shares(energy: np.ndarray) -> np.ndarray:

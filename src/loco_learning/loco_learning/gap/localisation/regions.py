@@ -18,8 +18,8 @@ from .localise import JOINT_SIGNALS
 
 DEPTH, CUTS = 3, 16
 LEAST_LEAF = 0.04  # smallest share of the samples in a leaf
-WORTH = 0.05  # smallest share of the variance that a split must explain
-EVERYWHERE = ("everywhere",)
+MIN_SHARE = 0.05  # smallest share of the variance that a split must explain
+NO_CONDITION = ("everywhere",)
 DENSE = 1.5  # smallest energy of a reported region, over the average energy
 
 
@@ -41,7 +41,7 @@ class Region:
 
     def __str__(self) -> str:
         where = ", ".join([self.joint, *self.words])
-        if self.words == EVERYWHERE:
+        if self.words == NO_CONDITION:
             return f"{where}: no position, speed, time or phase stands out"
         return f"{where}: {self.energy:.0%} of its gap in {self.time:.0%} of the time"
 
@@ -51,7 +51,7 @@ def regions(
     channels: Sequence,
     residuals: Sequence[np.ndarray],
     joints: int = 3,
-    least: float = 0.15,
+    min_share: float = 0.15,
 ) -> list[Region]:
     """Regions of the joints that hold most of the gap, the largest first.
 
@@ -60,7 +60,7 @@ def regions(
         channels: Channels of the columns of the residuals.
         residuals: Whitened, (T, C) per record; NaN = not measured.
         joints: Largest number of joints.
-        least: Share of the whole gap that a joint must hold.
+        min_share: Share of the whole gap that a joint must hold.
     """
     energies = {}
     for column, channel in enumerate(channels):
@@ -77,7 +77,7 @@ def regions(
     for joint in ranked[:joints]:
         unit = "m" if joint in sliding else "rad"
         held = [r for r in records if joint in r.joints]
-        if len(held) == len(records) and sums[joint] > max(least * total, 0.0):
+        if len(held) == len(records) and sums[joint] > max(min_share * total, 0.0):
             valid = np.isfinite(energies[joint])
             named, values = features(records, joint, unit)
             result += of_joint(joint, energies[joint][valid], named, values[valid])
@@ -113,15 +113,15 @@ def of_joint(
     target = np.minimum(energy, np.quantile(energy, 0.99))
     result = []
     scale = float(((target - target.mean()) ** 2).sum())
-    for rows, limits in _leaves(target, values, np.arange(len(energy)), {}, scale, DEPTH):
+    for rows, limits in _split(target, values, np.arange(len(energy)), {}, scale, DEPTH):
         share, time = float(energy[rows].sum()) / total, len(rows) / len(energy)
         if limits and share >= 0.1 and share >= DENSE * time:
-            result.append(Region(joint, _words(limits, named), min(share, 1.0), time))
+            result.append(Region(joint, _conditions(limits, named), min(share, 1.0), time))
     result.sort(key=lambda r: (-r.energy, r.words))
-    return result or [Region(joint, EVERYWHERE, 1.0, 1.0)]
+    return result or [Region(joint, NO_CONDITION, 1.0, 1.0)]
 
 
-def _leaves(
+def _split(
     target: np.ndarray,
     values: np.ndarray,
     rows: np.ndarray,
@@ -131,19 +131,17 @@ def _leaves(
 ) -> list[tuple[np.ndarray, dict[int, tuple[float, float]]]]:
     """Rows of each leaf, with the interval of each feature on the path to it."""
     best = _best(target[rows], values[rows], round(LEAST_LEAF * len(target))) if depth else None
-    if best is None or best[0] < WORTH * scale:
+    if best is None or best[0] < MIN_SHARE * scale:
         return [(rows, limits)]
     _, feature, cut = best
     low, high = limits.get(feature, (-np.inf, np.inf))
     under = values[rows, feature] < cut
-    left = _leaves(target, values, rows[under], {**limits, feature: (low, cut)}, scale, depth - 1)
-    right = _leaves(
-        target, values, rows[~under], {**limits, feature: (cut, high)}, scale, depth - 1
-    )
+    left = _split(target, values, rows[under], {**limits, feature: (low, cut)}, scale, depth - 1)
+    right = _split(target, values, rows[~under], {**limits, feature: (cut, high)}, scale, depth - 1)
     return left + right
 
 
-def _best(y: np.ndarray, x: np.ndarray, least: int) -> tuple[float, int, float] | None:
+def _best(y: np.ndarray, x: np.ndarray, min_size: int) -> tuple[float, int, float] | None:
     """Split that explains most of the variance: explained amount, feature, threshold."""
     best = None
     n, total = len(y), y.sum()
@@ -152,7 +150,7 @@ def _best(y: np.ndarray, x: np.ndarray, least: int) -> tuple[float, int, float] 
         ordered, sums = x[order, feature], np.cumsum(y[order])
         for cut in np.unique(np.quantile(ordered, np.arange(1, CUTS) / CUTS)):
             count = int(np.searchsorted(ordered, cut))
-            if min(count, n - count) < max(least, 1):
+            if min(count, n - count) < max(min_size, 1):
                 continue
             left = sums[count - 1]
             gain = left**2 / count + (total - left) ** 2 / (n - count) - total**2 / n
@@ -161,7 +159,7 @@ def _best(y: np.ndarray, x: np.ndarray, least: int) -> tuple[float, int, float] 
     return best
 
 
-def _words(
+def _conditions(
     limits: dict[int, tuple[float, float]], named: Sequence[tuple[str, str]]
 ) -> tuple[str, ...]:
     labels = []

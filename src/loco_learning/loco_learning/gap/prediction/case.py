@@ -15,16 +15,16 @@ from loco_sim.effects import EFFECTS, from_list, pulls
 
 from ..recordings.record import Record, coarsest
 from ..statistics import evidence, noise
-from ..statistics.solve import FEW, FIRST, differences, guided
+from ..statistics.solve import FIRST, MIN_GAIN, differences, guided
 from . import floors as errors
 from . import horizon, loose, nominal, running
 from .loose import Loose
 
 REST = 0.05  # share of the numerical error over all records that is assumed at any time
-ASTRAY = 1.12  # largest ratio of simulated and linearised cost (1.05: one test is ambiguous)
+RATIO = 1.12  # largest ratio of simulated and linearised cost (1.05: one test is ambiguous)
 ROUNDS = 3  # simulations per refitted value if the linearisation fails (taste)
-AGAIN = 3  # linearisations, each about the last solution, until it converges (taste)
-LITTLE = 0.2  # rms [floors] below which a change of the step or linearisation error is negligible
+MAX_LINEARISATIONS = 3  # linearisations, each about the last solution, until it converges (taste)
+SMALL = 0.2  # rms [floors] below which a change of the step or linearisation error is negligible
 CAP = 20.0  # bound on residuals, over the largest one of the initial model: beyond, a robot fell
 
 
@@ -90,8 +90,8 @@ class Case:
     @property
     def bends(self) -> bool:
         """True if values are refitted with a linearisation that holds for small changes only."""
-        near = self.loose
-        return near is not None and not near.held and bool(np.isfinite(near.most))
+        linear = self.loose
+        return linear is not None and not linear.held and bool(np.isfinite(linear.most))
 
     def whitened(
         self,
@@ -104,10 +104,10 @@ class Case:
         only = list(range(len(self.records))) if only is None else list(only)
         return self._refitted(specs, overrides, only, coarse)[0]
 
-    def fewer(self, most: int) -> Case:
-        """The case with at most `most` pieces of each record on the ground."""
+    def fewer(self, max_segments: int) -> Case:
+        """The case with at most `max_segments` pieces of each record on the ground."""
         loose = self.loose and replace(self.loose, grams={})  # they depend on the measured rows
-        return replace(self, forward=self.forward.fewer(most), loose=loose, lines={})
+        return replace(self, forward=self.forward.fewer(max_segments), loose=loose, lines={})
 
     def kept(self) -> Case:
         """The case in which only the initial states of the records are refitted."""
@@ -129,32 +129,32 @@ class Case:
         """
         if self.loose is None:
             return self.bare(specs, overrides, only, coarse), []
-        given, near = overrides or {}, self.loose
-        residuals, by = self._solved(near, specs, given, only, coarse)
-        left = near.left(residuals, only, by)
-        for _ in range(AGAIN if exact else 1):
-            if not near.far(by, exact):
+        assigned, linear = overrides or {}, self.loose
+        residuals, by = self._solved(linear, specs, assigned, only, coarse)
+        left = linear.left(residuals, only, by)
+        for _ in range(MAX_LINEARISATIONS if exact else 1):
+            if not linear.far(by, exact):
                 break
             # outside the range of the linearisation: repeat about the solution, if better
-            near = near.about(np.where(near.stated | exact, by[0], near.at))
-            residuals, new = self._solved(near, specs, given, only, coarse)
-            there = near.left(residuals, only, new)
-            if exact and self._cost(there, new, only) > self._cost(left, by, only) + FEW:
+            linear = linear.about(np.where(linear.stated | exact, by[0], linear.at))
+            residuals, new = self._solved(linear, specs, assigned, only, coarse)
+            after = linear.left(residuals, only, new)
+            if exact and self._cost(after, new, only) > self._cost(left, by, only) + MIN_GAIN:
                 break
-            left, by = there, new
+            left, by = after, new
         return left, by
 
     def _solved(
         self,
-        near: Loose,
+        linear: Loose,
         specs: Sequence[Mapping],
         overrides: Mapping[str, Any],
         only: list[int],
         coarse: bool = False,
     ) -> tuple[list[np.ndarray], list[np.ndarray]]:
-        """Residuals simulated at the values of `near`, and the refitted deviations."""
-        residuals = self.bare(specs, {**_about(near), **overrides}, only, coarse)
-        return residuals, near.best(residuals, only)
+        """Residuals simulated at the values of `linear`, and the refitted deviations."""
+        residuals = self.bare(specs, {**_about(linear), **overrides}, only, coarse)
+        return residuals, linear.best(residuals, only)
 
     def _about(self, overrides: Mapping[str, Any] | None) -> dict[str, Any]:
         """Overrides with the values about which the uncertain values are linearised."""
@@ -164,7 +164,7 @@ class Case:
         self,
         specs: Sequence[Mapping],
         overrides: Mapping[str, Any],
-        known: Mapping[str, float] | None = None,
+        fixed: Mapping[str, float] | None = None,
         seek: bool = True,
     ) -> tuple[list[np.ndarray], dict[str, float], float, tuple[np.ndarray, ...], float]:
         """Residuals on all records, refitted values, their prior penalty and initial states.
@@ -172,12 +172,12 @@ class Case:
         The refitted values are checked by a simulation. Where it differs from the linearisation, as
         when a joint sticks or a drive quantises its encoder, the values are fitted by simulation,
         starting from there or from the initial robot. The model without effects is the reference
-        for all others; for it, a difference above `LITTLE` is already reason to do so.
+        for all others; for it, a difference above `SMALL` is already reason to do so.
 
         Args:
             specs: Effects of the model.
             overrides: Values of the robot in the model.
-            known: Uncertain values that were fitted by simulation before; no others are sought.
+            fixed: Uncertain values that were fitted by simulation before; no others are sought.
             seek: Whether values are fitted by simulation where that is needed.
 
         Returns:
@@ -186,22 +186,22 @@ class Case:
             velocities of each record [rad, rad/s], (2n,), empty if they were not refitted; share
             of the cost that, by the linearisation, a fit by simulation would leave, 1 after it.
         """
-        left, by, bent = self._promised(specs, overrides)
+        left, by, alternative = self._promised(specs, overrides)
         hope = 1.0
-        if bent is not None:
-            promised = self._cost(left, by)
-            differs = not specs and self._apart(left, bent[0]) > LITTLE
-            if differs or not self._told(left, by, *bent):
-                starts = [bent, self._fixed(specs, overrides, 0.0 * by[0])]
-                if known:
-                    starts.append(self._fixed(specs, overrides, self.loose.deviations(known)))
+        if alternative is not None:
+            expected = self._cost(left, by)
+            has_step_error = not specs and self._apart(left, alternative[0]) > SMALL
+            if has_step_error or not self._told(left, by, *alternative):
+                starts = [alternative, self._fixed(specs, overrides, 0.0 * by[0])]
+                if fixed:
+                    starts.append(self._fixed(specs, overrides, self.loose.deviations(fixed)))
                 left, by = min(starts, key=lambda each: self._cost(*each))
-                if seek and not known:
-                    found = self._sought(specs, overrides, by[0], promised)
-                    if self._cost(*found) < self._cost(left, by) - FEW:
-                        left, by = found
-                elif not known:
-                    hope = min(1.0, promised / max(self._cost(left, by), 1e-9))
+                if seek and not fixed:
+                    candidate = self._sought(specs, overrides, by[0], expected)
+                    if self._cost(*candidate) < self._cost(left, by) - MIN_GAIN:
+                        left, by = candidate
+                elif not fixed:
+                    hope = min(1.0, expected / max(self._cost(left, by), 1e-9))
         stays = self.loose is None or self.loose.held
         values = {} if stays else self.loose.values(by[0])
         return left, values, _price(by), self._moved(by[1:]), hope
@@ -210,14 +210,14 @@ class Case:
         """Change of the initial state of each record [rad, rad/s], (2n,), from its deviations."""
         spreads = self.forward.doubtful() if starts else []
         count = 2 * len(self.forward.robot().joints)
-        spreads = [spread[:count] for spread in spreads]
+        spreads = [std[:count] for std in spreads]
         pairs = zip(starts, spreads, strict=True)
-        return tuple(by[: len(spread)] * spread[: len(by)] for by, spread in pairs)
+        return tuple(by[: len(std)] * std[: len(by)] for by, std in pairs)
 
     def straight(self, specs: Sequence[Mapping], overrides: Mapping[str, Any]) -> bool:
         """True if a simulation of the refitted values agrees with the linearisation."""
-        left, by, bent = self._promised(specs, overrides)
-        return bent is None or self._told(left, by, *bent)
+        left, by, alternative = self._promised(specs, overrides)
+        return alternative is None or self._told(left, by, *alternative)
 
     def _promised(
         self, specs: Sequence[Mapping], overrides: Mapping[str, Any]
@@ -230,15 +230,15 @@ class Case:
         return left, by, self._fixed(specs, overrides, by[0])
 
     def _told(
-        self, left: list, by: Sequence[np.ndarray], there: list, at: Sequence[np.ndarray]
+        self, left: list, by: Sequence[np.ndarray], sim: list, at: Sequence[np.ndarray]
     ) -> bool:
-        """True if the costs of simulation and linearisation agree within `ASTRAY`."""
-        return 1.0 / ASTRAY < self._cost(there, at) / max(self._cost(left, by), 1e-9) < ASTRAY
+        """True if the costs of simulation and linearisation agree within `RATIO`."""
+        return 1.0 / RATIO < self._cost(sim, at) / max(self._cost(left, by), 1e-9) < RATIO
 
-    def _apart(self, left: Sequence[np.ndarray], there: Sequence[np.ndarray]) -> float:
+    def _apart(self, left: Sequence[np.ndarray], other: Sequence[np.ndarray]) -> float:
         """Rms difference between simulated and linearised residuals [floors]."""
-        apart = [a - b for a, b in zip(left, there, strict=True)]
-        return evidence.rms(self.masked(apart, range(len(left)), held=False))
+        differences = [a - b for a, b in zip(left, other, strict=True)]
+        return evidence.rms(self.masked(differences, range(len(left)), held=False))
 
     def relined(self, specs: Sequence[Mapping]) -> Case:
         """The case with uncertain values linearised about a model with effects."""
@@ -257,7 +257,7 @@ class Case:
         specs: Sequence[Mapping],
         overrides: Mapping[str, Any],
         start: np.ndarray,
-        promised: float,
+        expected: float,
     ) -> tuple[list[np.ndarray], list[np.ndarray]]:
         """Residuals and deviations after fitting the uncertain values by simulation, near `start`.
 
@@ -265,19 +265,19 @@ class Case:
         the cost does not fall as the linearisation predicts.
         """
         fitted, (low, high) = self.fitted, self.loose.reach
-        told = self.at(start).extrapolated(specs, overrides, fitted)
+        extrapolate = self.at(start).extrapolated(specs, overrides, fitted)
 
         def promise(at: np.ndarray) -> np.ndarray:
-            return self._line(*told(at), fitted)
+            return self._line(*extrapolate(at), fitted)
 
         def residual(at: np.ndarray, coarse: bool = False) -> np.ndarray:
             return self._line(*self.at(at)._refitted(specs, overrides, fitted, coarse), fitted)
 
         slopes = differences(promise, start, promise(start), np.full(len(start), loose.PART), high)
         budgets = FIRST, ROUNDS * (len(start) + 1)
-        quick = partial(residual, coarse=True) if self.quickly(specs) else None
-        found = guided(residual, start, (low, high), loose.PART, budgets, slopes, promised, quick)
-        return self._fixed(specs, overrides, found.z)
+        cheap = partial(residual, coarse=True) if self.quickly(specs) else None
+        result = guided(residual, start, (low, high), loose.PART, budgets, slopes, expected, cheap)
+        return self._fixed(specs, overrides, result.z)
 
     def extrapolated(
         self, specs: Sequence[Mapping], overrides: Mapping[str, Any], only: list[int]
@@ -288,15 +288,15 @@ class Case:
             A function of deviations, (V,), that returns residuals, (T, C) for each record of
             `only`, with refitted initial states, and all deviations.
         """
-        near, here = self.loose, self.bare(specs, self._about(overrides), only)
+        linear, ref = self.loose, self.bare(specs, self._about(overrides), only)
 
-        def told(at: np.ndarray) -> tuple[list[np.ndarray], list[np.ndarray]]:
-            there, starts = self.at(at).loose, near.unmoved(only)[1:]
-            moved = near.left(here, only, [at, *starts])
-            best = there.best(moved, only)
-            return there.left(moved, only, best), best
+        def predict(at: np.ndarray) -> tuple[list[np.ndarray], list[np.ndarray]]:
+            shifted, starts = self.at(at).loose, linear.unmoved(only)[1:]
+            moved = linear.left(ref, only, [at, *starts])
+            best = shifted.best(moved, only)
+            return shifted.left(moved, only, best), best
 
-        return told
+        return predict
 
     def _fixed(
         self, specs: Sequence[Mapping], overrides: Mapping[str, Any], at: np.ndarray
@@ -330,11 +330,11 @@ class Case:
         self.count += len(only)
         step = 1.0 if coarse else self.step_of(specs)
         predicted = self.predicted(specs, overrides or {}, only, step)
-        lacks = self.correction[step]
+        step_error = self.correction[step]
         residuals = []
         for i, p in zip(only, predicted, strict=True):
             measured = [self.forward.measured[i]]
-            residuals += evidence.whiten(measured, [p + lacks[i]], self.floors[i])
+            residuals += evidence.whiten(measured, [p + step_error[i]], self.floors[i])
         return residuals
 
     def predicted(
@@ -349,9 +349,9 @@ class Case:
         name = names[index]
         below, between = divmod(specs[index][name] / period, 1.0)
         runs, (_, longest) = [], limits(EFFECTS[specs[index]["name"]], name)
-        for whole in (below, below + 1.0):
+        for n_periods in (below, below + 1.0):
             changed = list(specs)
-            changed[index] = {**specs[index], name: min(whole * period, longest)}
+            changed[index] = {**specs[index], name: min(n_periods * period, longest)}
             runs.append(self.forward(changed, overrides, only, step))
         return [(1.0 - between) * a + between * b for a, b in zip(*runs, strict=True)]
 
@@ -415,7 +415,7 @@ class Case:
     def _small(self, errors: Sequence[np.ndarray]) -> bool:
         """True if prediction errors are far below the floor in every channel of every record."""
         each = [np.square(np.nan_to_num(e) / f) for e, f in zip(errors, self.floors, strict=True)]
-        return all(np.max(np.mean(e, axis=0)) < LITTLE**2 for e in each)
+        return all(np.max(np.mean(e, axis=0)) < SMALL**2 for e in each)
 
     def _bare(self, step: float) -> list[np.ndarray]:
         """Predictions of the initial model at a step."""
@@ -435,9 +435,9 @@ class Case:
         rows = self.held_rows if held else self.fit_rows
         return [np.where(rows[i][:, None], r, np.nan) for i, r in zip(only, residuals, strict=True)]
 
-    def judged(self, whole: Sequence[np.ndarray]) -> evidence.Score:
+    def judged(self, residuals: Sequence[np.ndarray]) -> evidence.Score:
         """Score of residuals of all records, (T, C) each, on held-out data."""
-        return evidence.score(self.masked(whole, range(len(self.records)), held=True))
+        return evidence.score(self.masked(residuals, range(len(self.records)), held=True))
 
     def vector(
         self,
@@ -464,9 +464,9 @@ class Case:
         self, left: Sequence[np.ndarray], by: Sequence[np.ndarray], only: Sequence[int]
     ) -> tuple[np.ndarray, np.ndarray]:
         """Residual vector of records, (T, C) each, and their deviations, as `pulled`."""
-        flat = np.concatenate([r[self._weighed[i]] for i, r in zip(only, left, strict=True)])
-        flat = np.clip(np.nan_to_num(flat, nan=self.cap), -self.cap, self.cap)
-        return flat, np.concatenate([*by, np.zeros(0)])
+        vector = np.concatenate([r[self._weighed[i]] for i, r in zip(only, left, strict=True)])
+        vector = np.clip(np.nan_to_num(vector, nan=self.cap), -self.cap, self.cap)
+        return vector, np.concatenate([*by, np.zeros(0)])
 
     @cached_property
     def _weighed(self) -> list[np.ndarray]:
@@ -480,9 +480,9 @@ class Case:
         return np.concatenate([np.nonzero(self._weighed[i])[1] for i in only])
 
 
-def _about(near: Loose | None) -> dict[str, float]:
+def _about(linear: Loose | None) -> dict[str, float]:
     """Values about which the robot is linearised; empty if they are its nominal values."""
-    return near.values(near.at) if near is not None and near.at.any() else {}
+    return linear.values(linear.at) if linear is not None and linear.at.any() else {}
 
 
 def _price(by: Sequence[np.ndarray]) -> float:
@@ -494,8 +494,8 @@ def prepare(
     forward: Any,
     records: Sequence[Record],
     held_out: Sequence[Record],
-    likely: Sequence[Mapping[str, Any]] = (),
-    known: Collection[str] = (),
+    suspects: Sequence[Mapping[str, Any]] = (),
+    free_names: Collection[str] = (),
     refitted: bool = True,
 ) -> Case:
     """Split data into fitted and held-out rows, and compute the floor of each channel.
@@ -506,8 +506,8 @@ def prepare(
         forward: Forward model of ``[*records, *held_out]``.
         records: Records to fit.
         held_out: Held-out records.
-        likely: Effects with which physics engines are compared too, on the ground.
-        known: Names of values that are not refitted with every model, because they are free.
+        suspects: Effects with which physics engines are compared too, on the ground.
+        free_names: Names of values that are not refitted with every model, because they are free.
         refitted: Whether uncertain values of the robot are refitted.
     """
     both = [*records, *held_out]
@@ -516,32 +516,32 @@ def prepare(
         rows = np.zeros(len(record.t), dtype=bool)
         if held_out:
             rows[:] = i < len(records)
-            judges = ~rows
+            verification = ~rows
         else:
             rows[: (2 * len(rows)) // 3] = True
-            judges = ~rows
+            verification = ~rows
         fit_rows.append(rows)
-        held_rows.append(judges)
+        held_rows.append(verification)
     steps = np.array([coarsest(both, c.signal, c.name) for c in forward.channels])
     fine, ground = errors.finest(forward), forward.grounded
     signals = [c.signal for c in forward.channels]
     correction, numeric = errors.step_error(forward, fine)
-    more = [errors.stepped(forward, correction[1.0]), errors.undersampled(forward)]
-    more += [errors.doubts(forward, likely)] if forward.in_pieces else []
-    for about in more:
+    extra = [errors.stepped(forward, correction[1.0]), errors.undersampled(forward)]
+    extra += [errors.state_errors(forward, suspects)] if forward.in_pieces else []
+    for about in extra:
         numeric = [np.hypot(n, a) for n, a in zip(numeric, about, strict=True)]
     sensors = noise.floor(forward.measured, steps, signals)
     pooled = errors.pooled(numeric, forward.measured)
     floor = noise.total(sensors, pooled)
-    hunts = horizon.timing(forward) if ground else errors.hunting(forward, fine)
-    local = zip(numeric, hunts, strict=True)
+    limit_cycles = horizon.timing(forward) if ground else errors.limit_cycle_errors(forward, fine)
+    local = zip(numeric, limit_cycles, strict=True)
     floors = [np.hypot(noise.total(sensors, np.maximum(n, REST * pooled)), h) for n, h in local]
     case = Case(forward, both, fit_rows, held_rows, floor, floors, fine, correction, ground=ground)
     robot = forward.given()
     uncertain = robot.uncertain if refitted else {}
-    quick = refitted and (ground or errors.compiled(forward)) and forward.fine_steps
-    said = {name for record in both for name in record.overrides}
-    unsaid = nominal.priors(robot, {*uncertain, *known, *said}) if quick else []
+    is_cheap = refitted and (ground or errors.compiled(forward)) and forward.fine_steps
+    overridden = {name for record in both for name in record.overrides}
+    unsaid = nominal.priors(robot, {*uncertain, *free_names, *overridden}) if is_cheap else []
     case.loose = loose.prepare(case, uncertain, robot, not forward.fine_steps, unsaid)
     if case.loose and case.loose.at.any() and not ground:
         case.correction = errors.step_error(forward, fine, case._about({}))[0]
@@ -551,7 +551,7 @@ def prepare(
     return case
 
 
-def whole(forward: Any, records: Sequence[Record]) -> Case:
+def fit_all_rows(forward: Any, records: Sequence[Record]) -> Case:
     """A case in which all rows count as fitted and no value of the robot is refitted."""
     case = prepare(forward, records, (), refitted=False)
     return replace(case, fit_rows=[np.ones(len(r.t), dtype=bool) for r in records])

@@ -44,7 +44,7 @@ ON_SLIDES = {
     "N·m/rad³": "N/m³", "kg·m²": "kg", "rad/(N·m)": "m/N", "s/rad": "s/m", "1/rad": "1/m",
     "1/rad²": "1/m²",
 }  # fmt: skip
-TURNED = ("orientation", "base_orientation")
+ORIENTATIONS = ("orientation", "base_orientation")
 
 
 @dataclass(frozen=True)
@@ -80,18 +80,18 @@ def of(
     sliding = {
         j for j, kind in Description(robots[0].urdf).joint_types().items() if kind == "prismatic"
     }
-    found = []
+    channels = []
     for signal in SIGNALS:
         if signal not in signals:
             continue
         names = _names(robots[0], signal)
-        seen = np.zeros(len(names), dtype=bool)
+        valid = np.zeros(len(names), dtype=bool)
         for robot, record in zip(robots, records, strict=True):
-            seen |= np.any(np.isfinite(_columns(robot, record, signal)), axis=0)
-        for name in np.array(names)[seen].tolist():
+            valid |= np.any(np.isfinite(_columns(robot, record, signal)), axis=0)
+        for name in np.array(names)[valid].tolist():
             unit = SLIDING.get(signal) if name in sliding else UNITS[signal]
-            found.append(Channel(signal, name, unit or UNITS[signal]))
-    return tuple(found)
+            channels.append(Channel(signal, name, unit or UNITS[signal]))
+    return tuple(channels)
 
 
 def slides(channels: Sequence[Channel]) -> set[str]:
@@ -119,7 +119,7 @@ def _columns(robot: Robot, record: Record, signal: str) -> np.ndarray:
     values = record.signals.get(signal)
     if values is None:
         return np.full((len(record.t), 3), np.nan)
-    if signal in TURNED:
+    if signal in ORIENTATIONS:
         return _angles(values, heading(values))
     if signal == "base_position":
         return at_home(values, record)
@@ -128,27 +128,27 @@ def _columns(robot: Robot, record: Record, signal: str) -> np.ndarray:
 
 def heading(orientation: np.ndarray) -> float:
     """Yaw of the first measured sample [rad]; 0 if there is none."""
-    known = np.flatnonzero(np.all(np.isfinite(orientation), axis=1))
-    return roll_pitch_yaw(orientation[known[0]])[2] if len(known) else 0.0
+    valid = np.flatnonzero(np.all(np.isfinite(orientation), axis=1))
+    return roll_pitch_yaw(orientation[valid[0]])[2] if len(valid) else 0.0
 
 
 def _angles(orientation: np.ndarray, yaw: float = 0.0) -> np.ndarray:
     """Roll, pitch and yaw [rad], (T, 3); yaw is unwrapped and relative to `yaw`."""
     angles = all_roll_pitch_yaw(orientation)
-    known = np.isfinite(angles[:, 2])
-    angles[known, 2] = np.unwrap(angles[known, 2]) - yaw
+    valid = np.isfinite(angles[:, 2])
+    angles[valid, 2] = np.unwrap(angles[valid, 2]) - yaw
     return angles
 
 
 def at_home(position: np.ndarray, record: Record) -> np.ndarray:
     """Positions relative to the first measured one, x along the first heading [m], (T, 3)."""
-    known = np.flatnonzero(np.all(np.isfinite(position), axis=1))
-    turned = record.signals.get("base_orientation", record.signals.get("orientation"))
-    yaw = 0.0 if turned is None else heading(turned)
+    valid = np.flatnonzero(np.all(np.isfinite(position), axis=1))
+    orientation = record.signals.get("base_orientation", record.signals.get("orientation"))
+    yaw = 0.0 if orientation is None else heading(orientation)
     c, s = np.cos(yaw), np.sin(yaw)
     moved = position.copy()
-    if len(known):
-        moved[:, :2] -= position[known[0], :2]
+    if len(valid):
+        moved[:, :2] -= position[valid[0], :2]
     moved[:, :2] = moved[:, :2] @ np.array([[c, -s], [s, c]])
     return moved
 
@@ -156,8 +156,8 @@ def at_home(position: np.ndarray, record: Record) -> np.ndarray:
 def measured(robot: Robot, channels: Sequence[Channel], record: Record) -> np.ndarray:
     """Values of a record, (T, C); NaN where not measured."""
     out = np.full((len(record.t), len(channels)), np.nan)
-    for signal, columns, mine in _groups(robot, channels):
-        out[:, columns] = _columns(robot, record, signal)[:, mine]
+    for signal, columns, indices in _groups(robot, channels):
+        out[:, columns] = _columns(robot, record, signal)[:, indices]
     return out
 
 
@@ -190,26 +190,26 @@ class Track:
 
     def matrix(self, rows: int) -> np.ndarray:
         """All rows, (rows, C); NaN for those that were not added."""
-        said = {signal: np.array(values) for signal, values in self._said.items() if values}
-        return assembled(self._robot, self._channels, said, rows)
+        signals = {signal: np.array(values) for signal, values in self._said.items() if values}
+        return assembled(self._robot, self._channels, signals, rows)
 
 
 def assembled(
-    robot: Robot, channels: Sequence[Channel], said: Mapping[str, np.ndarray], rows: int
+    robot: Robot, channels: Sequence[Channel], signals: Mapping[str, np.ndarray], rows: int
 ) -> np.ndarray:
     """Matrix of channels from simulated signals, (rows, C); NaN where there is none.
 
     Args:
         robot: The simulated robot.
         channels: Columns of the result.
-        said: Signals from the first row on, each (up to rows, k); orientations as x y z w.
+        signals: Signals from the first row on, each (up to rows, k); orientations as x y z w.
         rows: Rows of the result.
     """
     out = np.full((rows, len(channels)), np.nan)
-    for signal, columns, mine in _groups(robot, channels):
-        if signal in said:
-            values = _angles(said[signal]) if signal in TURNED else said[signal]
-            out[: len(values), columns] = values[:, mine]
+    for signal, columns, indices in _groups(robot, channels):
+        if signal in signals:
+            values = _angles(signals[signal]) if signal in ORIENTATIONS else signals[signal]
+            out[: len(values), columns] = values[:, indices]
     return out
 
 
@@ -226,10 +226,10 @@ READ = {
 
 def _groups(robot: Robot, channels: Sequence[Channel]) -> list[tuple[str, list[int], list[int]]]:
     """Per signal: its columns in the matrix, and the corresponding columns of its own array."""
-    made = []
+    groups = []
     for signal in SIGNALS:
         names = _names(robot, signal)
         columns = [i for i, channel in enumerate(channels) if channel.signal == signal]
         if columns:
-            made.append((signal, columns, [names.index(channels[i].name) for i in columns]))
-    return made
+            groups.append((signal, columns, [names.index(channels[i].name) for i in columns]))
+    return groups

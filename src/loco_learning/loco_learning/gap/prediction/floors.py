@@ -21,7 +21,7 @@ _, FASTEST = limits(SimParams, "physics_rate")
 FINE = 0.25  # ratio of the physics step to the model's if no engine is needed
 ABOUT = 0.05  # uncertainty of the time at which an error occurs [s]
 PHASE = 0.05  # shift of a drive's quantisation [steps]
-NUDGES = -40.0, -20.0, 0.0, 20.0, 40.0  # initial speeds, to average over phases of a limit cycle [steps/s]
+SPEEDS = -40.0, -20.0, 0.0, 20.0, 40.0  # initial speeds, to average over phases of a limit cycle [steps/s]
 
 
 def stepped(forward: Any, correction: Sequence[np.ndarray]) -> list[np.ndarray]:
@@ -38,16 +38,16 @@ def stepped(forward: Any, correction: Sequence[np.ndarray]) -> list[np.ndarray]:
         Rms about each time, (T, C) each.
     """
     errors = []
-    for i, (record, lacks) in enumerate(zip(forward.records, correction, strict=True)):
+    for i, (record, step_error) in enumerate(zip(forward.records, correction, strict=True)):
         step = record.simulated or record.stepped
-        own = running.step(forward.robot(i), running.period(record)) if step else 1.0
-        errors.append(step / own * lacks)
+        own_step = running.step(forward.robot(i), running.period(record)) if step else 1.0
+        errors.append(step / own_step * step_error)
     return _rms(errors, forward.records)
 
 
-def doubts(forward: Any, likely: Sequence[Mapping[str, Any]] = ()) -> list[np.ndarray]:
+def state_errors(forward: Any, suspects: Sequence[Mapping[str, Any]] = ()) -> list[np.ndarray]:
     """Standard deviation of predictions that start in uncertain measured states, (T, C) each."""
-    return _rms(horizon.doubt(forward, likely), forward.records)
+    return _rms(horizon.state_std(forward, suspects), forward.records)
 
 
 def undersampled(forward: Any) -> list[np.ndarray]:
@@ -58,7 +58,7 @@ def undersampled(forward: Any) -> list[np.ndarray]:
     return _rms([np.nan_to_num(a - b) for a, b in pairs], forward.records)
 
 
-def hunting(forward: Any, step: float) -> list[np.ndarray]:
+def limit_cycle_errors(forward: Any, step: float) -> list[np.ndarray]:
     """Spread of simulations whose drives have limit cycles of other phases, (T, C) each.
 
     A drive with a quantised encoder oscillates about its target. The phase of this limit cycle
@@ -68,14 +68,14 @@ def hunting(forward: Any, step: float) -> list[np.ndarray]:
     rounding = forward._robot(0, {}, 1.0).encoder_step
     if not rounding > 0.0:
         return [np.zeros(m.shape) for m in forward.measured]
-    places = [
+    positions = [
         forward([{"name": "joint_offset", "offset": share * rounding}], {}, step=step)
         for share in (-PHASE, PHASE)
     ]
-    times = [forward.nudged(share * rounding)((), {}, step=step) for share in NUDGES]
-    runs = zip(*places, *times, strict=True)
-    apart = [np.nan_to_num(np.std(each, axis=0, ddof=1)) for each in runs]
-    return _largest(apart, forward.records)
+    times = [forward.nudged(share * rounding)((), {}, step=step) for share in SPEEDS]
+    runs = zip(*positions, *times, strict=True)
+    deviations = [np.nan_to_num(np.std(each, axis=0, ddof=1)) for each in runs]
+    return _largest(deviations, forward.records)
 
 
 def _largest(errors: Sequence[np.ndarray], records: Sequence[Record]) -> list[np.ndarray]:
@@ -154,6 +154,6 @@ def step_error(
     return correction, _rms(remains, forward.records)
 
 
-def extrapolated(whole: Sequence[np.ndarray], half: Sequence[np.ndarray]) -> list[np.ndarray]:
+def extrapolated(full: Sequence[np.ndarray], half: Sequence[np.ndarray]) -> list[np.ndarray]:
     """Predictions, (T, C) each, at a step of zero, from those at a step and at half of it."""
-    return [2.0 * h - w for w, h in zip(whole, half, strict=True)]
+    return [2.0 * h - w for w, h in zip(full, half, strict=True)]

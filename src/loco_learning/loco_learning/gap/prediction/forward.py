@@ -37,10 +37,10 @@ from .channels import SIGNALS, Channel, measured, of
 from .odometry import Legs
 from .running import Start
 
-KEPT = 256  # size of the cache of robots
-STILL, AT_HOME = 0.3, 0.02  # speed [rad/s] and distance from standing [rad] of a robot at rest
-BEGUN = 2e-4  # fall of a joint before its first sample [rad]
-SURE = 5.0  # sensor deviations above which a joint of a fixed robot is not in its standing pose
+MAX_ROBOTS = 256  # size of the cache of robots
+REST_SPEED, AT_HOME = 0.3, 0.02  # speed [rad/s] and distance from standing [rad] of a robot at rest
+MIN_FALL = 2e-4  # fall of a joint before its first sample [rad]
+SIGMAS = 5.0  # sensor deviations above which a joint of a fixed robot is not in its standing pose
 
 
 @dataclass(frozen=True)
@@ -104,19 +104,19 @@ class Forward:
                 f"robot {model.robot!r} lists no drives in its robot.yaml, or there is no record"
             )
         both = list(zip(self.records, robots, strict=True))
-        self._told = [running.orders(record, robot) for record, robot in both]
+        self._told = [running.sequence(record, robot) for record, robot in both]
         self.channels: tuple[Channel, ...] = of(robots, self.records, self.params.signals)
         self._lengths = [
             self.params.window or (0.0 if robot.fixed_base else self.params.ground)
             for robot in robots
         ]
         self._starts = [
-            windows.pieces(*pair, length) if length else with_integrals(*pair, told, start(*pair))
+            windows.segments(*pair, length) if length else with_integrals(*pair, told, start(*pair))
             for pair, told, length in zip(both, self._told, self._lengths, strict=True)
         ]
         if not self.params.window:
             self._starts = [
-                windows.spread(starts, self.params.most) if length else starts
+                windows.select_evenly(starts, self.params.most) if length else starts
                 for starts, length in zip(self._starts, self._lengths, strict=True)
             ]
         self.measured = [
@@ -146,12 +146,12 @@ class Forward:
         params, dt, window = self.params, self.records[index].dt, self._lengths[index]
         first = round(params.burn_in / dt) if not window else round(params.settling / dt)
         within = np.zeros(len(values), dtype=bool)
-        for piece in self._starts[index]:
-            within[piece.row + max(1, first) : piece.stop] = True
+        for segment in self._starts[index]:
+            within[segment.row + max(1, first) : segment.stop] = True
         if self._starts[index] or window:  # no prediction outside of the pieces
             values[~within] = np.nan
         if not self._starts[index] and self.robot(index).fixed_base:
-            values[: min(first, idle(self._told[index]))] = np.nan
+            values[: min(first, rest_length(self._told[index]))] = np.nan
         return values
 
     def shown(self, hypotheses: Sequence[Any]) -> list[Any]:
@@ -160,7 +160,7 @@ class Forward:
 
     def given(self, overrides: Mapping[str, Any] | None = None) -> Robot:
         """The robot of the first record, from its files and overrides."""
-        return self._robot(0, nominal.parted(overrides or {})[0], 1.0)
+        return self._robot(0, nominal.split_drives(overrides or {})[0], 1.0)
 
     def robot(self, index: int = 0) -> Robot:
         """The robot of a record, from the files and overrides of the model and of the record."""
@@ -170,7 +170,7 @@ class Forward:
         """The robot of a record, with sensors that add no quantisation and no noise."""
         key = index, json.dumps(overrides, sort_keys=True), step
         if key not in self._robots:
-            if len(self._robots) >= KEPT:
+            if len(self._robots) >= MAX_ROBOTS:
                 self._robots.clear()
             self._robots[key] = _robot(self.model, self.records[index], overrides, step)
         return self._robots[key]
@@ -203,18 +203,18 @@ class Forward:
             LocoError: An effect or an override is invalid.
         """
         rows = range(len(self.records)) if only is None else only
-        overrides, drives = nominal.parted(overrides or {})
+        overrides, drives = nominal.split_drives(overrides or {})
         late = [e for e in effects if _late(e)]
         effects = nominal.built([e for e in effects if not _late(e)], drives)
         lag = self._lag(late)
         moved = self._ahead(late)
-        found = [moved._run(i, effects, overrides, step) for i in rows]
+        predictions = [moved._run(i, effects, overrides, step) for i in rows]
         for by in np.unique(lag[lag != 0.0]):
-            found = [
+            predictions = [
                 np.where(lag == by, shifted(p, by / self.records[i].dt), p)
-                for i, p in zip(rows, found, strict=True)
+                for i, p in zip(rows, predictions, strict=True)
             ]
-        return found
+        return predictions
 
     def _ahead(self, late: Sequence[Mapping[str, Any]]) -> Forward:
         """Copy whose fixed-base robots start in the true state, ahead of the late reading."""
@@ -250,7 +250,7 @@ class Forward:
         simulation of loco was recorded, by torques of an instant, before and after the command of
         their row (`running.instants`).
         """
-        values, drives = nominal.parted(overrides)
+        values, drives = nominal.split_drives(overrides)
         specs = nominal.built([e for e in effects if not _late(e)], drives)
         step = 1.0 / self.robot(0).sim.physics_rate  # delays are whole steps
         later = self([*effects, {"name": "actuation_delay", "delay": step}], overrides)
@@ -270,18 +270,18 @@ class Forward:
 
     def recommanded(self) -> Forward:
         """The same with commands that are off by their estimated error (`Record.unsure`)."""
-        other, orders = copy(self), []
+        other, commands = copy(self), []
         for i, record in enumerate(self.records):
             command = {k: v + record.unsure.get(k, 0.0) for k, v in record.command.items()}
-            orders.append(running.orders(replace(record, command=command), self.robot(i)))
-        other._told = orders
+            commands.append(running.sequence(replace(record, command=command), self.robot(i)))
+        other._told = commands
         return other
 
     def nudged(self, speed: float) -> Forward:
         """Copy whose driven joints start faster by `speed` [rad/s or m/s]."""
         other = copy(self)
         other._starts = [
-            _nudged(record, self.robot(i), starts, speed)
+            _shift_speed(record, self.robot(i), starts, speed)
             for i, (record, starts) in enumerate(zip(self.records, self._starts, strict=True))
         ]
         return other
@@ -317,9 +317,9 @@ class Forward:
         """Estimates of the base motion from IMU and legs in a record, with the initial robot."""
         if index not in self._said:
             record, robot = self.records[index], self.robot(index)
-            known = not record.has("base_position")
+            needs_estimate = not record.has("base_position")
             states = windows.joint_states(record, robot)
-            self._said[index] = odometry.legs(record, robot, *states) if known else None
+            self._said[index] = odometry.legs(record, robot, *states) if needs_estimate else None
         return self._said[index]
 
     def on_ground(self, index: int) -> bool:
@@ -375,11 +375,11 @@ class Forward:
             for i, starts in enumerate(self._starts)
         ]
 
-    def fewer(self, most: int) -> Forward:
-        """Copy with at most `most` pieces of each record on the ground; other rows are NaN."""
+    def fewer(self, max_segments: int) -> Forward:
+        """Copy with at most `max_segments` pieces of each record on the ground; other rows are NaN."""
         other = copy(self)
         other._starts = [
-            windows.spread(starts, most) if self.on_ground(i) else starts
+            windows.select_evenly(starts, max_segments) if self.on_ground(i) else starts
             for i, starts in enumerate(self._starts)
         ]
         other.measured = [other._weighed(i, m.copy()) for i, m in enumerate(self.measured)]
@@ -387,26 +387,26 @@ class Forward:
 
     def shaken(self, count: int) -> list[Forward]:
         """Copies of the forward model, with initial states drawn from their uncertainty."""
-        off = [
-            windows.doubts(record, self.robot(i)) if self._lengths[i] else None
+        state_std = [
+            windows.state_std(record, self.robot(i)) if self._lengths[i] else None
             for i, record in enumerate(self.records)
         ]
-        found = []
+        copies = []
         for seed in range(count):
             other, rng = copy(self), np.random.default_rng([seed, len(self.records)])
             other._starts = [
-                windows.shaken(starts, known, rng) if known else starts
-                for starts, known in zip(self._starts, off, strict=True)
+                windows.perturb(starts, std, rng) if std else starts
+                for starts, std in zip(self._starts, state_std, strict=True)
             ]
-            found.append(other)
-        return found
+            copies.append(other)
+        return copies
 
     def _run(self, index: int, effects: Any, overrides: Mapping, step: float) -> np.ndarray:
         robot, record = self._robot(index, overrides, step), self.records[index]
         effects, dt = from_list([*self.model.effects, *effects]), running.period(record)
         starts = true_starts(record, robot, effects, self._starts[index])
         if self.on_ground(index):
-            starts = windows.begun(robot, effects, starts, self.legs(index))
+            starts = windows.adjust_starts(robot, effects, starts, self.legs(index))
         return running.run(robot, effects, self._told[index], starts, dt, self.channels)
 
     @cached_property
@@ -414,8 +414,8 @@ class Forward:
         """Numerical error of the model: its rms change when the physics step is halved, (C,)."""
         square = np.zeros(len(self.channels))
         count = np.zeros(len(self.channels))
-        for coarse, fine, wanted in zip(self(), self(step=0.5), self.measured, strict=True):
-            error = np.where(np.isfinite(wanted), coarse - fine, np.nan)
+        for coarse, fine, target in zip(self(), self(step=0.5), self.measured, strict=True):
+            error = np.where(np.isfinite(target), coarse - fine, np.nan)
             square += np.nansum(error**2, axis=0)
             count += np.sum(np.isfinite(error), axis=0)
         return np.sqrt(square / np.maximum(count, 1.0))
@@ -440,15 +440,15 @@ def start(record: Record, robot: Robot) -> list[Start]:
     """
     q, standing = record.joints_of(robot, "q"), robot.standing
     at, speed, _ = windows.first_state(record, robot)
-    known = np.isfinite(q).any(axis=0) & np.isfinite(at)
-    if not known.any():
+    valid = np.isfinite(q).any(axis=0) & np.isfinite(at)
+    if not valid.any():
         return []
-    said = record.joints_of(robot, "dq")[0]  # 0 for a robot that starts to move at this sample
-    slow = np.abs(np.where(np.isfinite(said), said, speed)) < STILL
-    near = np.abs(bridged(q)[0] - standing) < _home(record, robot, q) + 2.0 * record.step("q")
-    if np.all((slow & near) | ~known):
+    speeds = record.joints_of(robot, "dq")[0]  # 0 for a robot that starts to move at this sample
+    is_slow = np.abs(np.where(np.isfinite(speeds), speeds, speed)) < REST_SPEED
+    is_near = np.abs(bridged(q)[0] - standing) < _home(record, robot, q) + 2.0 * record.step("q")
+    if np.all((is_slow & is_near) | ~valid):
         return []
-    moving = np.where(known, at, standing), np.where(known, speed, 0.0)
+    moving = np.where(valid, at, standing), np.where(valid, speed, 0.0)
     return [Start(0, len(record.t), *moving)]
 
 
@@ -473,16 +473,16 @@ def _home(record: Record, robot: Robot, q: np.ndarray) -> np.ndarray:
         return np.full(q.shape[1], AT_HOME)
     columns = zip(record.read_of(robot, "q").T, robot.joints, strict=True)
     read = [noise.white([column], record.step_of("q", joint)) for column, joint in columns]
-    return BEGUN + SURE * np.array(read)
+    return MIN_FALL + SIGMAS * np.array(read)
 
 
-def idle(told: running.CommandSequence) -> int:
+def rest_length(inputs: running.CommandSequence) -> int:
     """Number of rows before the command changes.
 
     A fixed-base robot at rest is in equilibrium with its loads; a model to which the same loads
     are first applied at this time is not.
     """
-    rows = np.hstack([told.q, told.dq, told.tau, told.stance])
+    rows = np.hstack([inputs.q, inputs.dq, inputs.tau, inputs.stance])
     moved = np.any(rows != rows[0], axis=1)
     return int(np.argmax(moved)) - 1 if moved.any() else len(rows)
 
@@ -501,13 +501,13 @@ def true_starts(
         effects: Effects of the model.
         starts: Measured initial states; empty for a robot that stands at rest.
     """
-    wrong = [e for e in effects if isinstance(e, Measuring) and e.by_itself and _whole(e)]
+    wrong = [e for e in effects if isinstance(e, Measuring) and e.by_itself and _acts_on_all(e)]
     patterns = [e.joint or "*" for e in wrong if e.identity.turned]
     if patterns and not starts:
         q = record.joints_of(robot, "q")[0]
         driven = np.isin(np.arange(len(q)), robot.driven)
         named = [any(fnmatchcase(joint, p) for p in patterns) for joint in robot.joints]
-        starts = _still(record, np.where(np.isfinite(q) & driven & named, q, robot.standing))
+        starts = _rest_start(record, np.where(np.isfinite(q) & driven & named, q, robot.standing))
     if not wrong or not starts:
         return starts
     for effect in wrong:
@@ -517,16 +517,16 @@ def true_starts(
     return [s._replace(q=q, dq=dq) for s, (q, dq) in zip(starts, states, strict=True)]
 
 
-def _whole(effect: Effect) -> bool:
+def _acts_on_all(effect: Effect) -> bool:
     """True if the effect acts from start to end."""
     return not effect.absent() and effect.start == 0.0 and np.isinf(effect.stop)
 
 
-def _nudged(record: Record, robot: Robot, starts: list[Start], speed: float) -> list[Start]:
+def _shift_speed(record: Record, robot: Robot, starts: list[Start], speed: float) -> list[Start]:
     change = np.zeros(len(robot.joints))
     change[robot.driven] = speed
-    starts = starts or _still(record, robot.standing)
-    return [piece._replace(dq=piece.dq + change) for piece in starts]
+    starts = starts or _rest_start(record, robot.standing)
+    return [segment._replace(dq=segment.dq + change) for segment in starts]
 
 
 def _moved(begin: Start, by: np.ndarray, robot: Robot) -> Start:
@@ -538,7 +538,7 @@ def _moved(begin: Start, by: np.ndarray, robot: Robot) -> Start:
     return begin._replace(q=begin.q + q, dq=begin.dq + dq, integral=begin.integral + integral)
 
 
-def _still(record: Record, q: np.ndarray) -> list[Start]:
+def _rest_start(record: Record, q: np.ndarray) -> list[Start]:
     """Start of a whole record at rest with joint positions `q`."""
     return [Start(0, len(record.t), q, np.zeros(len(q)))]
 

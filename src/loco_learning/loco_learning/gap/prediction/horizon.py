@@ -27,8 +27,8 @@ GROWN = 2.0  # ratio to the initial error, or to the noise, above which an error
 FIRST = 0.02  # time after a start that is not compared [s]
 DRAWS = 10  # simulations from drawn initial states, for a reliable standard deviation
 CHANCE = 2.0  # deviations of the mean square over a few pieces that chance may add (theory)
-FEW = 12  # pieces that are used to find the length
-QUICK = "mujoco"  # the physics engine with compiled runs
+N_SEGMENTS = 12  # pieces that are used to find the length
+COMPILED_ENGINE = "mujoco"  # the physics engine with compiled runs
 
 
 def length(model: Model, records: Sequence[Record]) -> float:
@@ -39,10 +39,10 @@ def length(model: Model, records: Sequence[Record]) -> float:
         records: Records of a robot with a free base.
         records: Records of a robot whose base is free.
     """
-    forward = Forward(model, records, ForwardParams(ground=LONGEST, most=FEW))
+    forward = Forward(model, records, ForwardParams(ground=LONGEST, most=N_SEGMENTS))
     if not any(forward.starts):
         return 0.0
-    here, others = forward(), [shaken() for shaken in forward.shaken(2)]
+    ref, perturbed_runs = forward(), [perturbed() for perturbed in forward.shaken(2)]
     dt = records[0].dt
     rows = np.arange(round(LONGEST / dt))
     size = np.zeros((len(rows), len(forward.channels)))
@@ -50,21 +50,21 @@ def length(model: Model, records: Sequence[Record]) -> float:
     for i, starts in enumerate(forward.starts):
         for start in starts:
             stop = min(start.stop, start.row + len(rows))
-            for other in others:
-                apart = np.square(other[i][start.row : stop] - here[i][start.row : stop])
-                size[: stop - start.row] += np.nan_to_num(apart)
-                count[: stop - start.row] += np.isfinite(apart)
-    apart = np.sqrt(size / np.maximum(count, 1.0))
+            for other in perturbed_runs:
+                growth = np.square(other[i][start.row : stop] - ref[i][start.row : stop])
+                size[: stop - start.row] += np.nan_to_num(growth)
+                count[: stop - start.row] += np.isfinite(growth)
+    growth = np.sqrt(size / np.maximum(count, 1.0))
     first = max(1, round(FIRST / dt))
     steps = np.array([coarsest(records, c.signal, c.name) for c in forward.channels])
-    least = np.hypot(noise.floor(forward.measured, steps), np.mean(apart[1 : first + 1], axis=0))
-    grown = np.median(apart / least, axis=1) > GROWN
+    floor = np.hypot(noise.floor(forward.measured, steps), np.mean(growth[1 : first + 1], axis=0))
+    grown = np.median(growth / floor, axis=1) > GROWN
     grown[: round(SHORTEST / dt)] = False
     stop = int(np.argmax(grown)) if grown.any() else len(rows)
     return round(stop * dt, 4)
 
 
-def doubt(forward: Forward, likely: Sequence[Mapping[str, Any]] = ()) -> list[np.ndarray]:
+def state_std(forward: Forward, suspects: Sequence[Mapping[str, Any]] = ()) -> list[np.ndarray]:
     """Standard deviation of predictions that no model can avoid, (T, C) each; 0 outside of pieces.
 
     It is that of uncertain initial states and, on the ground, the difference between two physics
@@ -73,39 +73,39 @@ def doubt(forward: Forward, likely: Sequence[Mapping[str, Any]] = ()) -> list[np
 
     Args:
         forward: Forward model.
-        likely: Effects that the robot may have.
+        suspects: Effects that the robot may have.
     """
-    here = forward()
-    runs = [here, *(shaken() for shaken in forward.shaken(DRAWS))]
+    ref = forward()
+    runs = [ref, *(perturbed() for perturbed in forward.shaken(DRAWS))]
     # The error of an initial state persists over its piece, and pieces are few.
     chance = np.sqrt(1.0 + CHANCE * np.sqrt(2.0 / max(sum(map(len, forward.starts)), 1)))
-    apart = (np.std(each, axis=0, ddof=1) for each in zip(*runs, strict=True))
-    found = [chance * np.nan_to_num(each) for each in apart]
+    deviations = (np.std(each, axis=0, ddof=1) for each in zip(*runs, strict=True))
+    errors = [chance * np.nan_to_num(each) for each in deviations]
     other = next((e for e in ENGINES if e in installed() and e != engine(forward)), None)
     if other is None or not forward.grounded:
-        return found
-    there = {"sim.engine": other}
-    pairs = [(here, forward((), there))]
-    if likely:
-        pairs.append((forward(likely), forward(likely, there)))
+        return errors
+    engine_change = {"sim.engine": other}
+    pairs = [(ref, forward((), engine_change))]
+    if suspects:
+        pairs.append((forward(suspects), forward(suspects, engine_change)))
     sides = [[np.nan_to_num(a - b) for a, b in zip(*pair, strict=True)] for pair in pairs]
-    most = [np.max(np.abs(each), axis=0) for each in zip(*sides, strict=True)]
-    return [np.hypot(f, a) for f, a in zip(found, most, strict=True)]
+    largest = [np.max(np.abs(each), axis=0) for each in zip(*sides, strict=True)]
+    return [np.hypot(f, a) for f, a in zip(errors, largest, strict=True)]
 
 
 def timing(forward: Forward) -> list[np.ndarray]:
     """Error of a prediction with a touch-down or lift-off one sample too late, (T, C) each."""
-    found = []
-    for i, here in enumerate(forward()):
-        change = np.abs(np.diff(np.nan_to_num(here), axis=0, prepend=np.nan_to_num(here[:1])))
+    timing_errors = []
+    for i, run in enumerate(forward()):
+        change = np.abs(np.diff(np.nan_to_num(run), axis=0, prepend=np.nan_to_num(run[:1])))
         late = np.maximum(change, np.roll(change, -1, axis=0))
-        said = forward.legs(i) if forward.on_ground(i) else None
-        about = np.zeros(len(here), bool) if said is None else ~windows.still(said, 2.0 * said.dt)
-        found.append(np.where(about[:, None], late, 0.0))
-    return found
+        legs = forward.legs(i) if forward.on_ground(i) else None
+        about = np.zeros(len(run), bool) if legs is None else ~windows.steady(legs, 2.0 * legs.dt)
+        timing_errors.append(np.where(about[:, None], late, 0.0))
+    return timing_errors
 
 
-def words(forward: Forward) -> list[str]:
+def messages(forward: Forward) -> list[str]:
     """Sentences on how records on the ground are compared; empty if there are none."""
     every = range(len(forward.records))
     on = [i for i in every if forward.on_ground(i)]
@@ -122,9 +122,9 @@ def words(forward: Forward) -> list[str]:
 
 def quickest(model: Model) -> Model:
     """The model with the compiled physics engine, if that is installed."""
-    if QUICK not in installed():
+    if COMPILED_ENGINE not in installed():
         return model
-    return Model(model.robot, {**model.overrides, "sim.engine": QUICK}, model.effects)
+    return Model(model.robot, {**model.overrides, "sim.engine": COMPILED_ENGINE}, model.effects)
 
 
 def engine(forward: Forward) -> str:

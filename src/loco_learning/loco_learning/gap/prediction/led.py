@@ -38,8 +38,8 @@ STIFFNESS = 0.6  # bandwidth of the tracking drive times the time between rows (
 # Standard deviation of the Gaussian filter of the motion, and of both torques [s]. On an arm of
 # seven joints (docs/gap_measured.md) shorter ones leave the noise of the second derivative.
 SMOOTH = 0.03
-EDGE = 5.0  # filter deviations from either end within which nothing is compared (theory)
-FORGOTTEN = 3.0  # time constants after which an initial state has decayed to 1/20 (theory)
+TRIM = 5.0  # filter deviations from either end within which nothing is compared (theory)
+DECAY_TIMES = 3.0  # time constants after which an initial state has decayed to 1/20 (theory)
 # Share of the torque of every joint that its velocity explains, from which on there is feedback:
 # friction explains 0.98 of a light wrist and 0.46 of the arm's shoulder (taste).
 FED_BACK = 0.7
@@ -50,8 +50,8 @@ WINDOWS = (2.0, 1.0, 0.5, 0.25)  # lengths of pieces [s] (taste)
 CHANGED = 4.0  # length of a piece over the time scale of the motion (docs/gap_measured.md)
 _, SUBSTEPS = limits(SimParams, "max_substeps")
 POSES = 7  # poses of the record at which inertias are computed
-GIVEN = ("command", "drive")  # sites of effects that change the commanded torque
-LEADS = ("torque_constant_error", "joint_offset")  # effects of `GIVEN` that act here too
+COMMAND_SITES = ("command", "drive")  # sites of effects that change the commanded torque
+LEADS = ("torque_constant_error", "joint_offset")  # effects of `COMMAND_SITES` that act here too
 # Sites that an effect may touch, see `Identity.touches`.
 SITES = ("drive", "torque", "brake", "force", "model")
 
@@ -67,48 +67,48 @@ def forward(
     choice depends on commands, measurements and the inertia of the given model, never on what is
     tried, so that all models are compared alike.
     """
-    plain = Forward(model, records, params)
-    if plain.params.window or not possible(plain):
-        return plain
-    said = measured(plain)
-    if min(joint.fed_back for joint in said) >= FED_BACK and np.min(swings(plain)) >= SWINGS:
-        longest = CHANGED * min(joint.time for joint in said)
+    direct = Forward(model, records, params)
+    if direct.params.window or not possible(direct):
+        return direct
+    responses = measured(direct)
+    if min(joint.fed_back for joint in responses) >= FED_BACK and np.min(swings(direct)) >= SWINGS:
+        longest = CHANGED * min(joint.time for joint in responses)
         window = next((w for w in WINDOWS if w <= longest), WINDOWS[-1])
-        return Forward(model, records, plain.params.replace(window=window))
+        return Forward(model, records, direct.params.replace(window=window))
     duration = float(np.mean([record.duration for record in records]))
-    if min(joint.decay for joint in said) * duration >= FORGOTTEN:
-        return plain
-    return Led(model, records, params)
+    if min(joint.decay for joint in responses) * duration >= DECAY_TIMES:
+        return direct
+    return InverseDynamics(model, records, params)
 
 
 def measured(forward: Forward) -> list[Free]:
     """Velocity feedback and memory of each joint, estimated from the records alone."""
-    robot, found = forward.robot(), []
+    robot, responses = forward.robot(), []
     for joint, name in enumerate(robot.joints):
         column = list(robot.driven).index(robot.joints.index(name))
         motions = []
         for record in forward.records:
             q = bridged(record.read_of(robot, "q")[:, [joint]])[:, 0]
-            known = np.flatnonzero(np.isfinite(q))
-            rows = slice(known[0], known[-1] + 1)
+            valid = np.flatnonzero(np.isfinite(q))
+            rows = slice(valid[0], valid[-1] + 1)
             torque = _acting(record, robot)[:, column]
             motions.append((q[rows], torque[rows], record.dt))
-        found.append(free(motions))
-    return found
+        responses.append(free(motions))
+    return responses
 
 
 def swings(forward: Forward) -> np.ndarray:
     """Torque that the inertia of each joint takes, over that of its drive, in all records, (n,)."""
-    taken, given = [], []
+    inertial, measured = [], []
     for record in forward.records:
-        robot = _made(forward.model, record)
+        robot = _initial_robot(forward.model, record)
         q = bridged(record.read_of(robot, "q"))
         rows = np.isfinite(q).all(axis=1)
         inertia = _inertia(record, robot, np.zeros(len(robot.joints)))
         torque = _acting(record, robot)[:, np.argsort(robot.driven)]
-        taken.append(np.var(inertia * smoothed(q[rows], record.dt, order=2), axis=0))
-        given.append(np.var(torque[rows], axis=0))
-    return np.sqrt(np.sum(taken, axis=0) / np.maximum(np.sum(given, axis=0), 1e-300))
+        inertial.append(np.var(inertia * smoothed(q[rows], record.dt, order=2), axis=0))
+        measured.append(np.var(torque[rows], axis=0))
+    return np.sqrt(np.sum(inertial, axis=0) / np.maximum(np.sum(measured, axis=0), 1e-300))
 
 
 def possible(forward: Forward) -> bool:
@@ -123,7 +123,7 @@ def possible(forward: Forward) -> bool:
     )
 
 
-class Led(Forward):
+class InverseDynamics(Forward):
     """A `Forward` whose channels are the commanded torques; arguments as of `Forward`.
 
     Effects of the model on commands and drives change the commanded torque as in a simulation;
@@ -135,18 +135,18 @@ class Led(Forward):
     def __init__(
         self, model: Model, records: Sequence[Record], params: ForwardParams | None = None
     ):
-        records = _given(model, records)
+        records = _with_torques(model, records)
         model = replace(model, effects=[e for e in model.effects if not _outside(e)])
-        robots = [_made(model, record) for record in records]
+        robots = [_initial_robot(model, record) for record in records]
         pairs = list(zip(records, robots, strict=True))
-        led = [_led(record, robot) for record, robot in pairs]
+        prescribed = [_prescribe(record, robot) for record, robot in pairs]
         # Friction larger than the damping of the drives would hold the joints back: these get an
         # inertia with which, at most, they are late by a row, and its torque is subtracted.
-        self._added = np.max([_braked(record) for record in led], axis=0) / STIFFNESS**2
+        self._added = np.max([_damping(record) for record in prescribed], axis=0) / STIFFNESS**2
         inertia = np.mean([_inertia(*pair, self._added) for pair in pairs], axis=0)
         self._gains = np.maximum(inertia, 1e-9 * np.max(inertia))
         params = (params or ForwardParams()).replace(signals=("tau",))
-        super().__init__(model, led, params)
+        super().__init__(model, prescribed, params)
 
     @cached_property
     def _joints(self) -> tuple[Channel, ...]:
@@ -156,21 +156,21 @@ class Led(Forward):
 
     def _robot(self, index: int, overrides: Mapping[str, Any], step: float) -> Robot:
         """The robot with drives that track the motion, without sensors."""
-        told = super()._robot(index, overrides, step)
+        heavy = super()._robot(index, overrides, step)
         rate = STIFFNESS / self.records[index].dt
         drives = {
             joint: ImpedanceDrive(kp=float(m * rate**2), kd=float(2.0 * m * rate))
-            for joint, m in zip(told.joints, self._gains, strict=True)
+            for joint, m in zip(heavy.joints, self._gains, strict=True)
         }
         physics = STEPS / (running.period(self.records[index]) * step)
-        free = np.full(len(told.joints), np.inf)
+        free = np.full(len(heavy.joints), np.inf)
         # links may be refitted to 1/1000 of their inertia, which these gains then overdamp
-        sim = told.sim.replace(physics_rate=physics, damping_limit=1.0, max_substeps=SUBSTEPS)
+        sim = heavy.sim.replace(physics_rate=physics, damping_limit=1.0, max_substeps=SUBSTEPS)
         rotors = {
-            joint: told.armature.get(joint, 0.0) + float(by)
-            for joint, by in zip(told.joints, self._added, strict=True)
+            joint: heavy.armature.get(joint, 0.0) + float(by)
+            for joint, by in zip(heavy.joints, self._added, strict=True)
         }
-        return replace(told, drives=drives, armature=rotors, effort=free, sensors=None, sim=sim)
+        return replace(heavy, drives=drives, armature=rotors, effort=free, sensors=None, sim=sim)
 
     def shown(self, hypotheses: Sequence[Any]) -> list[Any]:
         """Hypotheses that change a torque, one per body, without those on refitted values."""
@@ -188,28 +188,28 @@ class Led(Forward):
 
     def given(self, overrides: Mapping[str, Any] | None = None) -> Robot:
         """The robot of the first record with its own drives instead of the tracking ones."""
-        return super()._robot(0, nominal.parted(overrides or {})[0], 1.0)
+        return super()._robot(0, nominal.split_drives(overrides or {})[0], 1.0)
 
     def _run(self, index: int, effects: Any, overrides: Mapping, step: float) -> np.ndarray:
         robot = self._robot(index, overrides, step)
         effects = from_list([*self.model.effects, *effects])
-        told, record = self._told[index], self.records[index]
-        starts = [running.Start(0, len(record.t), told.q[0], told.dq[0])]
+        inputs, record = self._told[index], self.records[index]
+        starts = [running.Start(0, len(record.t), inputs.q[0], inputs.dq[0])]
         dt = running.period(record)
-        found = running.run(robot, effects, told, starts, dt, self._joints)
+        readings = running.run(robot, effects, inputs, starts, dt, self._joints)
         n = len(robot.joints)
-        led = [robot.drives[joint] for joint in robot.joints]
-        torque = np.array([d.kp for d in led]) * (_heard(told.q) - found[:, :n])
-        torque += np.array([d.kd for d in led]) * (_heard(told.dq) - found[:, n:])
+        servos = [robot.drives[joint] for joint in robot.joints]
+        torque = np.array([d.kp for d in servos]) * (_received(inputs.q) - readings[:, :n])
+        torque += np.array([d.kd for d in servos]) * (_received(inputs.dq) - readings[:, n:])
         drives = super()._robot(index, overrides, step).drives
-        asked = [(drives[j].bias, drives[j].gain) for j in robot.joints]
-        bias, gain = np.array(asked).T
-        torque = smoothed(torque, dt) - self._added * smoothed(found[:, n:], dt, order=1)
+        motor_lines = [(drives[j].bias, drives[j].gain) for j in robot.joints]
+        bias, gain = np.array(motor_lines).T
+        torque = smoothed(torque, dt) - self._added * smoothed(readings[:, n:], dt, order=1)
         mean = (torque - bias) / gain
         return mean[:, [robot.joints.index(c.name) for c in self.channels]]
 
 
-def _heard(values: np.ndarray) -> np.ndarray:
+def _received(values: np.ndarray) -> np.ndarray:
     """Mean about each row of a command that is linear between rows, (T, n).
 
     The mean of the chord differs from that of the arc by 1/12 of the second difference.
@@ -233,38 +233,38 @@ def _outside(effect: Mapping[str, Any]) -> bool:
 
 def _acts(effect: Mapping[str, Any]) -> bool:
     """True if an effect acts on commands or drives."""
-    return bool(set(EFFECTS[effect["name"]].identity.touches) & set(GIVEN))
+    return bool(set(EFFECTS[effect["name"]].identity.touches) & set(COMMAND_SITES))
 
 
-def _given(model: Model, records: Sequence[Record]) -> list[Record]:
+def _with_torques(model: Model, records: Sequence[Record]) -> list[Record]:
     """Records whose torques have passed through the model's effects on commands and drives."""
     acting = [e for e in model.effects if _outside(e) and _acts(e)]
     if not acting:
         return list(records)
-    found = []
+    result = []
     for record in records:
-        robot = _made(model, record)
+        robot = _initial_robot(model, record)
         torque = record.command_of(robot, "torque")
-        told = replace(record, signals={**record.signals, "tau": torque})
+        with_torque = replace(record, signals={**record.signals, "tau": torque})
         params = ForwardParams(window=WINDOWS[-1], signals=("tau",))
-        runs = Forward(Model(model.robot, model.overrides, acting), [told], params)
+        runs = Forward(Model(model.robot, model.overrides, acting), [with_torque], params)
         drives = [robot.drives[joint] for joint in robot.joints]
         bias, gain = np.array([(drive.bias, drive.gain) for drive in drives]).T
-        asked = (bridged(runs()[0]) - bias) / gain
-        found.append(replace(record, command={**record.command, "torque": asked}))
-    return found
+        commanded = (bridged(runs()[0]) - bias) / gain
+        result.append(replace(record, command={**record.command, "torque": commanded}))
+    return result
 
 
-def _made(model: Model, record: Record) -> Robot:
+def _initial_robot(model: Model, record: Record) -> Robot:
     return Model(model.robot, {**model.overrides, **record.overrides}).make_robot()
 
 
-def _braked(record: Record) -> np.ndarray:
+def _damping(record: Record) -> np.ndarray:
     """Impulse of a row by the part of each torque that follows its velocity, over that, (n,)."""
     torque, speed = record.signals["tau"], record.signals["dq"]
-    known = np.isfinite(torque)
-    along = np.sum(np.where(known, torque * speed, 0.0), axis=0)
-    return record.dt * np.abs(along) / np.maximum(np.sum(known * speed**2, axis=0), 1e-12)
+    valid = np.isfinite(torque)
+    along = np.sum(np.where(valid, torque * speed, 0.0), axis=0)
+    return record.dt * np.abs(along) / np.maximum(np.sum(valid * speed**2, axis=0), 1e-12)
 
 
 def _inertia(record: Record, robot: Robot, added: np.ndarray) -> np.ndarray:
@@ -286,31 +286,31 @@ def _acting(record: Record, robot: Robot) -> np.ndarray:
     return 0.5 * (torque + np.concatenate([torque[:1], torque[:-1]]))
 
 
-def _led(record: Record, robot: Robot) -> Record:
+def _prescribe(record: Record, robot: Robot) -> Record:
     """A record with the measured motion as the command and the commanded torque as a signal.
 
     Both pass the same filter and are subsampled: the motion to `COARSE`, torques to `SMOOTH`.
     """
     measured, torque = record.read_of(robot, "q"), _acting(record, robot)
-    known, dt = np.isfinite(measured).all(axis=1), record.dt
-    whole = bridged(np.where(known[:, None], measured, np.nan))
-    q, dq = smoothed(whole, dt), smoothed(whole, dt, order=1)
+    valid, dt = np.isfinite(measured).all(axis=1), record.dt
+    filled = bridged(np.where(valid[:, None], measured, np.nan))
+    q, dq = smoothed(filled, dt), smoothed(filled, dt, order=1)
     every = max(1, round(COARSE / dt))
-    kept = slice(0, len(record.t) // every * every, every)
-    tau = np.where(known[:, None], smoothed(smoothed(torque, dt), dt), np.nan)[kept]
+    selected = slice(0, len(record.t) // every * every, every)
+    tau = np.where(valid[:, None], smoothed(smoothed(torque, dt), dt), np.nan)[selected]
     between = max(1, round(SMOOTH / (every * dt)))
     tau[np.arange(len(tau)) % between != 0] = np.nan
-    edge = round(EDGE * SMOOTH / (every * dt))
-    tau[:edge], tau[len(tau) - edge :] = np.nan, np.nan
-    t = record.t[kept]
+    margin = round(TRIM * SMOOTH / (every * dt))
+    tau[:margin], tau[len(tau) - margin :] = np.nan, np.nan
+    t = record.t[selected]
     return replace(
         record,
         t=t - t[0],
-        command={"position": q[kept], "velocity": dq[kept]},
+        command={"position": q[selected], "velocity": dq[selected]},
         ramps=("position", "velocity"),
         driven=robot.joints,
         joints=robot.joints,
-        signals={"q": q[kept], "dq": dq[kept], "tau": tau},
+        signals={"q": q[selected], "dq": dq[selected], "tau": tau},
         inputs={},
         stance={},
         resolution={},

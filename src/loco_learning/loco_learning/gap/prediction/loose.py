@@ -5,7 +5,7 @@ These are values of the robot (`nominal`), the initial states of records, and th
 their readings were taken. The sensitivity of the
 residual to each is simulated once. The values that fit a model best, within their priors, then
 solve a linear least-squares problem. Torques along a given motion are linear in masses, centres and
-inertias. A motion is linear for small changes only: there no value deviates by more than `MOST`
+inertias. A motion is linear for small changes only: there no value deviates by more than `RANGE`
 standard deviations, and the sensitivities are simulated about the values that fit the robot.
 """
 
@@ -24,9 +24,9 @@ from .nominal import legal, nominal_value
 PART = 0.5  # simulated change, in standard deviations; the rest is taken as linear (taste)
 INTEGRAL = 1e-3  # simulated change of an integrator over its limit: below dry friction (taste)
 ROUNDS = 3  # updates of the weights, each from the residual of the previous one (taste)
-TIMES, NEAR = 4, 0.5  # most linearisations, and deviations that need no further one (taste)
-MOST = 2.5  # largest deviation of a value where a motion is compared: beyond, it is an effect
-LEAST = 0.2  # smallest ratio of a refitted inertia, mass or gain to its nominal value (taste)
+TIMES, SHIFT = 4, 0.5  # most linearisations, and deviations that need no further one (taste)
+RANGE = 2.5  # largest deviation of a value where a motion is compared: beyond, it is an effect
+MIN_RATIO = 0.2  # smallest ratio of a refitted inertia, mass or gain to its nominal value (taste)
 ON_BOUND = 1e-6  # tolerance of deviations on their bound (theory: rounding)
 CHANCE = 2.0  # increase of the cost that chance explains [nat] (theory: 95 % of one value)
 LEVELS, SAME = 8, 0.9  # updates of residual levels per channel, until they fall by less (taste)
@@ -87,8 +87,8 @@ class Columns:
         _, count, width = self.shape
         result = np.zeros((count, width, width))
         for channels, moved, values in self.blocks:
-            own = values * used.T[channels, :, None]
-            result[np.ix_(channels, moved, moved)] = own.transpose(0, 2, 1) @ own
+            weighted = values * used.T[channels, :, None]
+            result[np.ix_(channels, moved, moved)] = weighted.transpose(0, 2, 1) @ weighted
         return result
 
 
@@ -150,9 +150,9 @@ class Loose:
         high = np.full(len(self.at), self.most)
         low = -high
         if math.isfinite(self.most):
-            ends = (self.legal - self.nominal[:, None]) / self.spread[:, None]
-            np.maximum.at(low, self.of, ends[:, 0])
-            np.minimum.at(high, self.of, ends[:, 1])
+            bounds = (self.legal - self.nominal[:, None]) / self.spread[:, None]
+            np.maximum.at(low, self.of, bounds[:, 0])
+            np.minimum.at(high, self.of, bounds[:, 1])
         return low, high
 
     def best(self, residuals: Sequence[np.ndarray], only: Sequence[int]) -> list[np.ndarray]:
@@ -162,16 +162,16 @@ class Loose:
             residuals: Residuals of the model [floors], (T, C) each, simulated at `at`.
             only: Indices of their records.
         """
-        seen = [self._products(i, r) for i, r in zip(only, residuals, strict=True)]
+        terms = [self._products(i, r) for i, r in zip(only, residuals, strict=True)]
         if not self.level:
-            return self._solved(seen, only, self.weight)
+            return self._solved(terms, only, self.weight)
         by, before = self.unmoved(only), np.inf
         count = np.maximum(np.sum([np.isfinite(r).sum(0) for r in residuals], axis=0), 1)
         for _ in range(LEVELS):
-            power = self._power(seen, only, by) / count
+            power = self._power(terms, only, by) / count
             if np.all(power > SAME * before):
                 break
-            by, before = self._solved(seen, only, self.weight / np.maximum(power, 1.0)), power
+            by, before = self._solved(terms, only, self.weight / np.maximum(power, 1.0)), power
         return by
 
     def unmoved(self, only: Sequence[int]) -> list[np.ndarray]:
@@ -182,56 +182,56 @@ class Loose:
     def _products(self, index: int, residual: np.ndarray) -> Products:
         """Sums over time that the fit needs from the residual of a record, in one pass."""
         columns = self.columns[index]
-        known = np.isfinite(residual)
+        valid = np.isfinite(residual)
         rows = self.rows[index] if self.rows[index].any() else self.judges[index]
-        values = np.where(known, residual, 0.0)
-        own = values * rows[:, None]
-        moment = columns.moment(own)
-        every = moment if rows.all() else moment + columns.moment(values - own)
+        values = np.where(valid, residual, 0.0)
+        selected = values * rows[:, None]
+        moment = columns.moment(selected)
+        every = moment if rows.all() else moment + columns.moment(values - selected)
         if index not in self.grams:  # the measured rows are the same for every model
-            used = columns.gram(known & rows[:, None])
-            whole = used if rows.all() else used + columns.gram(known & ~rows[:, None])
-            self.grams[index] = used, whole
+            used = columns.gram(valid & rows[:, None])
+            total = used if rows.all() else used + columns.gram(valid & ~rows[:, None])
+            self.grams[index] = used, total
         return Products(np.sum(np.square(values), axis=0), moment, every)
 
     def _power(
-        self, seen: Sequence[Products], only: Sequence[int], by: Sequence[np.ndarray]
+        self, terms: Sequence[Products], only: Sequence[int], by: Sequence[np.ndarray]
     ) -> np.ndarray:
         """Sum of squares of the residual in each channel at deviations `by`, (C,)."""
         power, moved = np.zeros(len(self.weight)), by[0] - self.at
-        for i, products, start in zip(only, seen, by[1:], strict=True):
+        for i, products, start in zip(only, terms, by[1:], strict=True):
             x = np.concatenate([moved, start])
             square = products.square + (2.0 * products.every + self.grams[i][1] @ x) @ x
             power += np.maximum(square, 0.0)
         return power
 
     def _solved(
-        self, seen: Sequence[Products], only: Sequence[int], weight: np.ndarray
+        self, terms: Sequence[Products], only: Sequence[int], weight: np.ndarray
     ) -> list[np.ndarray]:
         count = len(self.at)
         sizes = [len(by) for by in self.unmoved(only)]
-        ends = np.cumsum(sizes)
-        gram, moment = np.eye(ends[-1]), np.zeros(ends[-1])
-        for k, (i, products) in enumerate(zip(only, seen, strict=True)):
-            mine = np.r_[np.arange(count), np.arange(ends[k], ends[k + 1])]
-            some = weight @ products.moment
-            whole = np.tensordot(weight, self.grams[i][0], axes=1)
+        offsets = np.cumsum(sizes)
+        gram, moment = np.eye(offsets[-1]), np.zeros(offsets[-1])
+        for k, (i, products) in enumerate(zip(only, terms, strict=True)):
+            block = np.r_[np.arange(count), np.arange(offsets[k], offsets[k + 1])]
+            rhs = weight @ products.moment
+            block_gram = np.tensordot(weight, self.grams[i][0], axes=1)
             if not self.rows[i].any():  # held-out records do not determine the robot
-                whole[:count], whole[:, :count], some[:count] = 0.0, 0.0, 0.0
-            gram[np.ix_(mine, mine)] += whole
-            moment[mine] -= some
-            moment[mine] += whole[:, :count] @ self.at
+                block_gram[:count], block_gram[:, :count], rhs[:count] = 0.0, 0.0, 0.0
+            gram[np.ix_(block, block)] += block_gram
+            moment[block] -= rhs
+            moment[block] += block_gram[:, :count] @ self.at
         if self.held:
-            free = np.arange(count, ends[-1])
-            found = np.concatenate([self.at, np.zeros(len(free))])
+            free = np.arange(count, offsets[-1])
+            solution = np.concatenate([self.at, np.zeros(len(free))])
             moment = moment[free] - gram[np.ix_(free, np.arange(count))] @ self.at
             starts = np.full(len(free), self.most)
-            found[free] = _within(gram[np.ix_(free, free)], moment, (-starts, starts))
+            solution[free] = _within(gram[np.ix_(free, free)], moment, (-starts, starts))
         else:
-            starts = np.full(ends[-1] - count, self.most)
+            starts = np.full(offsets[-1] - count, self.most)
             low, high = self.reach
-            found = _within(gram, moment, (np.r_[low, -starts], np.r_[high, starts]))
-        return np.split(found, ends[:-1])
+            solution = _within(gram, moment, (np.r_[low, -starts], np.r_[high, starts]))
+        return np.split(solution, offsets[:-1])
 
     def far(self, by: Sequence[np.ndarray], exact: bool = False) -> bool:
         """True if values are too far from `at` for the linearisation.
@@ -240,8 +240,8 @@ class Loose:
             by: Deviations, as from `best`.
             exact: Whether values that are known to a few percent count as well.
         """
-        apart = np.abs(by[0] - self.at)[self.stated | exact]
-        return math.isfinite(self.most) and bool(np.max(apart, initial=0.0) > NEAR)
+        shift = np.abs(by[0] - self.at)[self.stated | exact]
+        return math.isfinite(self.most) and bool(np.max(shift, initial=0.0) > SHIFT)
 
     def about(self, values: np.ndarray) -> Loose:
         """Copy for models that are simulated at other deviations."""
@@ -280,9 +280,9 @@ class Loose:
         """
         count, gram = len(by), np.eye(len(by))
         for columns, rows, r, each in zip(self.columns, self.rows, residuals, weight, strict=True):
-            whole = np.tensordot(each, columns.gram(np.isfinite(r) & rows[:, None]), axes=1)
-            own, both = np.eye(len(whole) - count) + whole[count:, count:], whole[:count, count:]
-            gram += whole[:count, :count] - both @ np.linalg.solve(own, both.T)
+            total = np.tensordot(each, columns.gram(np.isfinite(r) & rows[:, None]), axes=1)
+            inner, both = np.eye(len(total) - count) + total[count:, count:], total[:count, count:]
+            gram += total[:count, :count] - both @ np.linalg.solve(inner, both.T)
         back = np.zeros(count, dtype=bool)
         for _ in range(count):
             costs = np.full(count, np.inf)
@@ -296,8 +296,8 @@ class Loose:
 
     def values(self, at: np.ndarray) -> dict[str, float]:
         """Values of ``robot.yaml`` at deviations, clipped to their legal range."""
-        found = np.clip(self.nominal + self.spread * at[self.of], *self.legal.T)
-        return dict(zip(self.names, map(float, found), strict=True))
+        clipped = np.clip(self.nominal + self.spread * at[self.of], *self.legal.T)
+        return dict(zip(self.names, map(float, clipped), strict=True))
 
 
 def _within(
@@ -325,50 +325,50 @@ def _within(
 
 def prepare(
     case: Any,
-    spread: Mapping[str, float],
+    std: Mapping[str, float],
     robot: Any,
     linear: bool,
-    likely: Sequence[Mapping[str, float]] = (),
+    further: Sequence[Mapping[str, float]] = (),
 ) -> Loose | None:
     """Simulate the sensitivities to all values and initial states; None if there are none.
 
     Args:
         case: Model and data, without nuisance parameters.
-        spread: Standard deviation of each value that robot.yaml declares uncertain, by dotted name.
+        std: Standard deviation of each value that robot.yaml declares uncertain, by dotted name.
         robot: The initial robot, with drives as in its file.
         linear: Whether residuals are linear in the values for changes of any size; channels are
             then weighted by their joint residual. Otherwise `level` sets the weights; on the ground
             they depend on the correlation time, since errors of contacts are no white noise.
-        likely: Standard deviations of further values; one mapping for values that change together.
+        further: Standard deviations of further values; one mapping for values that change together.
     """
-    groups = [*({n: s} for n, s in spread.items()), *likely]
+    groups = [*({n: s} for n, s in std.items()), *further]
     starts = [] if linear else case.forward.doubtful()
     if not groups and not any(len(s) for s in starts):
         return None
-    flat = [(n, s, k) for k, group in enumerate(groups) for n, s in group.items()]
-    names = tuple(n for n, _, _ in flat)
+    items = [(n, s, k) for k, group in enumerate(groups) for n, s in group.items()]
+    names = tuple(n for n, _, _ in items)
     nominal = np.array([nominal_value(robot, name) for name in names])
-    sizes, of = np.array([s for _, s, _ in flat]), np.array([k for _, _, k in flat], dtype=int)
-    least = 0.0 if linear else LEAST
-    ends = np.array([legal(robot, name, least) for name in names]).reshape(-1, 2)
+    sizes, of = np.array([s for _, s, _ in items]), np.array([k for _, _, k in items], dtype=int)
+    min_ratio = 0.0 if linear else MIN_RATIO
+    bounds = np.array([legal(robot, name, min_ratio) for name in names]).reshape(-1, 2)
     every, none = range(len(case.records)), np.zeros(len(groups))
     rows, width = tuple(case.fit_rows), len(case.forward.channels)
-    stated = np.arange(len(groups)) < len(spread)
+    stated = np.arange(len(groups)) < len(std)
     loose = Loose(
-        names, nominal, sizes, ends, of, (), np.ones(width), rows, tuple(case.held_rows),
-        np.inf if linear else MOST, none, stated, level=not linear,
+        names, nominal, sizes, bounds, of, (), np.ones(width), rows, tuple(case.held_rows),
+        np.inf if linear else RANGE, none, stated, level=not linear,
     )  # fmt: skip
     for _ in range(1 if linear else TIMES):
         loose = _about(case, loose, starts)
-        here = case.bare([], loose.values(loose.at))
+        ref = case.bare([], loose.values(loose.at))
         for _ in range(ROUNDS if linear or case.ground else 0):
-            left = loose.left(here, every, loose.best(here, every))
+            left = loose.left(ref, every, loose.best(ref, every))
             fitted = case.masked(left, every, held=False)
             score = evidence.score([r for r, used in zip(fitted, rows, strict=True) if used.any()])
             wide = np.square(score.scale) if linear else 1.0  # otherwise `level` does this
             weight = 1.0 / (np.max(score.tau, axis=0) * wide)
             loose = replace(loose, weight=weight, grams={})
-        best = loose.best(here, every)
+        best = loose.best(ref, every)
         if not loose.far(best):
             break
         loose = loose.about(np.where(stated, best[0], 0.0))
@@ -387,27 +387,27 @@ def _about(
     specs: Sequence[Mapping[str, Any]] = (),
 ) -> Loose:
     """Copy with sensitivities about the deviations `at`, for a model with the given effects."""
-    here = case.bare(specs, loose.values(loose.at), coarse=True)
+    ref = case.bare(specs, loose.values(loose.at), coarse=True)
     columns: list[list[np.ndarray]] = []
     for k in range(len(loose.at)):
         moved = loose.at.copy()
         moved[k] += PART if moved[k] <= 0.0 else -PART
-        there = case.bare(specs, loose.values(moved), coarse=True)
-        columns.append(_per(there, here, moved[k] - loose.at[k]))
+        shifted = case.bare(specs, loose.values(moved), coarse=True)
+        columns.append(_per(shifted, ref, moved[k] - loose.at[k]))
     count = max((len(s) for s in starts), default=0)
     for k in range(count):
         part = 1.0 if k < 2 * len(case.forward.robot().joints) else INTEGRAL
         by = [part * s * (np.arange(count) == k)[: len(s)] for s in starts]
         other = replace(case, forward=case.forward.begun_at(by), loose=None)
-        columns.append(_per(other.bare(specs, loose.values(loose.at), coarse=True), here, part))
-    found = [np.stack(each, axis=-1) for each in zip(*columns, strict=True)]
+        columns.append(_per(other.bare(specs, loose.values(loose.at), coarse=True), ref, part))
+    jacobians = [np.stack(each, axis=-1) for each in zip(*columns, strict=True)]
     values = len(loose.at)
-    for i, own in enumerate(starts):  # a record without deviations has no columns of its own
-        found[i] = found[i][..., : values + len(own)]
+    for i, extra in enumerate(starts):  # a record without deviations has no columns of its own
+        jacobians[i] = jacobians[i][..., : values + len(extra)]
     rounds = case.forward.robot().encoder_step > 0.0  # then in `floors.hunting`
     if math.isfinite(loose.most) and not case.ground and not rounds:
-        found = _timed(case, found, specs, loose.values(loose.at))
-    return replace(loose, columns=tuple(map(Columns.of, found)), grams={})
+        jacobians = _timed(case, jacobians, specs, loose.values(loose.at))
+    return replace(loose, columns=tuple(map(Columns.of, jacobians)), grams={})
 
 
 def _timed(
@@ -419,11 +419,11 @@ def _timed(
     """Columns with four more per record: of the times of its readings and drives."""
     changes = case.forward.reading_times(specs, overrides, CLOCK)
     extended = []
-    for own, change, m, f in zip(columns, changes, case.forward.measured, case.floors, strict=True):
+    for old, change, m, f in zip(columns, changes, case.forward.measured, case.floors, strict=True):
         by_time = np.where(np.isfinite(m)[..., None], -change / f[..., None], 0.0)
-        extended.append(np.concatenate([own, by_time], axis=-1))
+        extended.append(np.concatenate([old, by_time], axis=-1))
     return extended
 
 
-def _per(there: Sequence[np.ndarray], here: Sequence[np.ndarray], step: float) -> list[np.ndarray]:
-    return [np.nan_to_num(a - b) / step for a, b in zip(there, here, strict=True)]
+def _per(shifted: Sequence[np.ndarray], ref: Sequence[np.ndarray], step: float) -> list[np.ndarray]:
+    return [np.nan_to_num(a - b) / step for a, b in zip(shifted, ref, strict=True)]

@@ -48,13 +48,13 @@ def values(robot: Robot, names: Sequence[str]) -> dict[str, float]:
         NameUnknownError: There is no such value.
         ParameterError: A value is not above 0, so that its logarithm cannot be fitted.
     """
-    found = {}
+    result = {}
     for name in filter(None, names):
         value = _value(robot, name)
         if not value > 0.0:
             raise ParameterError(f"free value {name!r} must be above 0, the robot has {value:g}")
-        found[name] = float(value)
-    return found
+        result[name] = float(value)
+    return result
 
 
 def nominal_value(robot: Robot, name: str) -> float:
@@ -67,22 +67,22 @@ def nominal_value(robot: Robot, name: str) -> float:
     return float(getattr(*_part(robot, name)))
 
 
-def legal(robot: Robot, name: str, least: float = 0.0) -> tuple[float, float]:
+def legal(robot: Robot, name: str, min_ratio: float = 0.0) -> tuple[float, float]:
     """Smallest and largest value of a dotted name in a refit.
 
     Args:
         robot: Robot from its file.
         name: Dotted name of the value.
-        least: Smallest ratio to the nominal value, for values that cannot be negative.
+        min_ratio: Smallest ratio to the nominal value, for values that cannot be negative.
     """
     section = name.partition(".")[0]
     if section == CONSTANT:
-        return least - 1.0, math.inf
+        return min_ratio - 1.0, math.inf
     if section == "masses":
-        return least * nominal_value(robot, name), math.inf
+        return min_ratio * nominal_value(robot, name), math.inf
     part, parameter = _part(robot, name)
     low, high = limits(type(part), parameter)
-    return (max(low, least * nominal_value(robot, name)) if low >= 0.0 else low), high
+    return (max(low, min_ratio * nominal_value(robot, name)) if low >= 0.0 else low), high
 
 
 def _part(robot: Robot, name: str) -> tuple[Any, str]:
@@ -110,11 +110,11 @@ def _value(robot: Robot, name: str) -> float:
     return float(value)
 
 
-def _first(names: Sequence[str], pattern: str, whole: str) -> str:
+def _first(names: Sequence[str], pattern: str, full_name: str) -> str:
     for name in names:
         if fnmatchcase(name, pattern):
             return name
-    raise NameUnknownError(f"place of the free value {whole!r}", pattern, names)
+    raise NameUnknownError(f"place of the free value {full_name!r}", pattern, names)
 
 
 def torques(robot: Robot, factor: float) -> dict[str, float]:
@@ -127,12 +127,12 @@ def torques(robot: Robot, factor: float) -> dict[str, float]:
     }
 
 
-def priors(robot: Robot, known: Collection[str] = ()) -> list[dict[str, float]]:
+def priors(robot: Robot, excluded: Collection[str] = ()) -> list[dict[str, float]]:
     """Prior standard deviations by dotted name, of every moving link and every drive.
 
     Args:
         robot: Robot from its file.
-        known: Names or patterns of values that are left out.
+        excluded: Names or patterns of values that are left out.
 
     Returns:
         One mapping for each group of values that change together.
@@ -142,11 +142,11 @@ def priors(robot: Robot, known: Collection[str] = ()) -> list[dict[str, float]]:
     if not robot.fixed_base:
         moved[text.root_link()] = None
     links = [m for m in moved if any(text.mass_of(part) > 0.0 for part in text.fixed_to(m))]
-    found = [{f"bodies.{link}.mass": MASS} for link in links]
-    found += [{f"bodies.{link}.inertia": INERTIA} for link in links]
+    groups = [{f"bodies.{link}.mass": MASS} for link in links]
+    groups += [{f"bodies.{link}.inertia": INERTIA} for link in links]
     drives: dict[str, dict[str, float]] = {}
     for name, value in torques(robot, DRIVE).items():
-        if value > 0.0 and not any(fnmatchcase(name, k) for k in known):
+        if value > 0.0 and not any(fnmatchcase(name, k) for k in excluded):
             joint = name.split(".")[1]
             servo = isinstance(robot.drives[joint], ServoParams)
             drives[joint] = {name: value} if servo else {f"{CONSTANT}.{joint}": DRIVE}
@@ -155,11 +155,11 @@ def priors(robot: Robot, known: Collection[str] = ()) -> list[dict[str, float]]:
         for joint, drive in robot.drives.items()
         if isinstance(drive, ServoParams)
     ]
-    found += [*drives.values(), *speeds]
-    return [one for one in found if not any(fnmatchcase(n, k) for n in one for k in known)]
+    groups += [*drives.values(), *speeds]
+    return [one for one in groups if not any(fnmatchcase(n, k) for n in one for k in excluded)]
 
 
-def parted(values: Mapping[str, Any]) -> tuple[dict[str, Any], list[dict[str, Any]]]:
+def split_drives(values: Mapping[str, Any]) -> tuple[dict[str, Any], list[dict[str, Any]]]:
     """Values of a robot divided into those of ``robot.yaml`` and effects for scale errors."""
     drives = [name for name in values if name.startswith(f"{CONSTANT}.")]
     effects = [
@@ -176,7 +176,7 @@ def built(specs: Sequence[Mapping[str, Any]], drives: Sequence[Mapping[str, Any]
 
     Args:
         specs: Effects as in the list of an experiment.
-        drives: Effects from `parted`.
+        drives: Effects from `split_drives`.
     """
     motors = [i for i, s in enumerate(specs) if issubclass(EFFECTS[s["name"]], MotorEffect)]
     after = max(motors, default=-1) + 1
@@ -190,11 +190,11 @@ def written(robot: Robot, values: Mapping[str, Any]) -> dict[str, Any]:
 
     Args:
         robot: Robot from its file.
-        values: Values as for `parted`.
+        values: Values as for `split_drives`.
     """
-    found, drives = parted(values)
+    overrides, drives = split_drives(values)
     for drive in drives:
         gains = torques(robot, 1.0 + drive["error"])
-        mine = {k: v for k, v in gains.items() if k.split(".")[1] == drive["joint"]}
-        found |= {k: v for k, v in mine.items() if k not in found}
-    return found
+        drive_gains = {k: v for k, v in gains.items() if k.split(".")[1] == drive["joint"]}
+        overrides |= {k: v for k, v in drive_gains.items() if k not in overrides}
+    return overrides

@@ -26,13 +26,13 @@ from ..statistics import evidence, noise
 from .channels import heading
 from .phases import LOADED
 
-NUDGE = 1e-4  # time step of the finite difference for the velocity of contact points [s]
+TIME_STEP = 1e-4  # time step of the finite difference for the velocity of contact points [s]
 LOW = 0.01  # without forces: height of a standing foot over the lowest one, over standing height
 ROUNDS = 6  # updates of the weights
 SPEED, HEIGHT = 1e-3, 1e-4  # smallest deviation of foot velocities [m/s] and heights [m]
 SLIDING, RISING = 3.0, 0.01  # their initial deviations [m/s], [m]
 BIAS = 0.2  # error of an accelerometer, its tilt included [m/s²]
-BLIND = 5.0  # deviation of the acceleration of a base without accelerometer [m/s²]
+COARSE = 5.0  # deviation of the acceleration of a base without accelerometer [m/s²]
 DRIFT = 0.1  # error of the vertical velocity [m/s]
 REST = 0.03  # bound on rates [rad/s] and accelerations [g] of a base initially at rest
 
@@ -53,7 +53,7 @@ class Legs(NamedTuple):
     still: bool  # whether the base is initially at rest
 
 
-class Carried(NamedTuple):
+class BaseMotion(NamedTuple):
     """Motion of a base over flat ground, in the frame of its first sample."""
 
     velocity: np.ndarray  # velocity of the origin in the world [m/s], (T, 3)
@@ -76,52 +76,52 @@ def legs(record: Record, robot: Robot, q: np.ndarray, dq: np.ndarray) -> Legs | 
     turn = even(at_home(bridged(attitude), heading(attitude)))
     rotation = matrices(turn)
     gyro = record.signals.get("gyro")
-    spin = rates(turn, record.dt) if gyro is None else turned(rotation, bridged(gyro))
+    spin = rates(turn, record.dt) if gyro is None else rotate(rotation, bridged(gyro))
     at, speed = touching(robot, np.nan_to_num(q), np.nan_to_num(dq), rotation)
-    arm = turned(rotation[:, None], at)
-    stands = standing(record, robot, arm[..., 2])
-    if not stands.any():
+    arm = rotate(rotation[:, None], at)
+    stance = standing(record, robot, arm[..., 2])
+    if not stance.any():
         return None
-    said = -(turned(rotation[:, None], speed) + np.cross(spin[:, None], arm))
-    force, pull, doubt = record.signals.get("acceleration"), np.zeros((len(turn), 3)), BLIND
+    velocity = -(rotate(rotation[:, None], speed) + np.cross(spin[:, None], arm))
+    force, pull, sigma = record.signals.get("acceleration"), np.zeros((len(turn), 3)), COARSE
     if force is not None:
-        pull, doubt = turned(rotation, bridged(force)) - np.array([0.0, 0.0, GRAVITY]), BIAS
-    still = bool(np.all(np.abs(np.concatenate([spin[0], pull[0]])) < REST * GRAVITY))
-    steps = np.any(np.diff(stands, axis=0, prepend=stands[:1]), axis=1)
-    load = np.where(stands, loads(record, robot, stands), 0.0)
+        pull, sigma = rotate(rotation, bridged(force)) - np.array([0.0, 0.0, GRAVITY]), BIAS
+    rests = bool(np.all(np.abs(np.concatenate([spin[0], pull[0]])) < REST * GRAVITY))
+    steps = np.any(np.diff(stance, axis=0, prepend=stance[:1]), axis=1)
+    load = np.where(stance, loads(record, robot, stance), 0.0)
     stiff = np.array([robot.contact.get(f, (robot.sim.contact_stiffness,))[0] for f in robot.feet])
     height = -arm[..., 2] - np.where(stiff > 0.0, load / np.maximum(stiff, 1e-300), 0.0)
-    return Legs(record.dt, turn, spin, said, height, stands, steps, load, pull, doubt, still)
+    return Legs(record.dt, turn, spin, velocity, height, stance, steps, load, pull, sigma, rests)
 
 
-def carried(said: Legs, depth: np.ndarray | None = None) -> Carried:
+def estimate_base(legs: Legs, depth: np.ndarray | None = None) -> BaseMotion:
     """Motion of the base from IMU and legs together.
 
     Args:
-        said: Estimates from IMU and legs.
+        legs: Estimates from IMU and legs.
         depth: Penetration of each foot into the ground, beyond the model's own [m], (T, f).
     """
-    speed, height = said.speed, said.height
+    speed, height = legs.speed, legs.height
     if depth is not None:
         speed, height = speed.copy(), height - depth
-        speed[..., 2] -= np.gradient(depth, said.dt, axis=0)
-    known = (SLIDING, SPEED), said.dt * said.doubt, said.still
-    ends = [
-        joined(speed[..., k], said.stands, said.dt * said.pull[1:, k], *known) for k in range(3)
+        speed[..., 2] -= np.gradient(depth, legs.dt, axis=0)
+    deviations = (SLIDING, SPEED), legs.dt * legs.doubt, legs.still
+    axes = [
+        fuse(speed[..., k], legs.stands, legs.dt * legs.pull[1:, k], *deviations) for k in range(3)
     ]
-    velocity = np.stack([v for v, _ in ends], axis=1)
-    rise = 0.5 * said.dt * (velocity[1:, 2] + velocity[:-1, 2])
-    high, low = joined(height, said.stands, rise, (RISING, HEIGHT), said.dt * DRIFT)
-    return Carried(velocity, high, (float(np.mean([d for _, d in ends])), low))
+    velocity = np.stack([v for v, _ in axes], axis=1)
+    rise = 0.5 * legs.dt * (velocity[1:, 2] + velocity[:-1, 2])
+    high, low = fuse(height, legs.stands, rise, (RISING, HEIGHT), legs.dt * DRIFT)
+    return BaseMotion(velocity, high, (float(np.mean([d for _, d in axes])), low))
 
 
-def joined(
-    said: np.ndarray,
+def fuse(
+    values: np.ndarray,
     holds: np.ndarray,
     change: np.ndarray,
-    own: tuple[float, float],
-    way: float,
-    still: bool = False,
+    std: tuple[float, float],
+    change_std: float,
+    at_zero: bool = False,
 ) -> tuple[np.ndarray, float]:
     """Fusion of values that standing feet measure with a known change per sample.
 
@@ -130,39 +130,39 @@ def joined(
     the estimate). Outliers have less weight (Huber).
 
     Args:
-        said: Value by each foot, (T, f).
+        values: Value by each foot, (T, f).
         holds: Flags of valid samples, (T, f).
         change: Known change from each sample to the next, (T - 1,).
-        own: Initial standard deviation of the values, and the smallest.
-        way: Standard deviation of the change.
-        still: Whether the value is 0 at the first sample.
+        std: Initial standard deviation of the values, and the smallest.
+        change_std: Standard deviation of the change.
+        at_zero: Whether the value is 0 at the first sample.
 
     Returns:
         Values, (T,), and their typical standard deviation.
     """
-    rows, (own, least), long = len(said), own, 1.0
+    rows, (std, min_std), long = len(values), std, 1.0
     weight = holds.astype(float)
     for _ in range(ROUNDS):
-        trust, stiff = weight.sum(axis=1) / own**2, 1.0 / way**2
-        trust[0] += still / way**2
+        trust, stiff = weight.sum(axis=1) / std**2, 1.0 / change_std**2
+        trust[0] += at_zero / change_std**2
         band = np.zeros((2, rows))
         band[1] = trust + 1e-12
         band[1, 1:] += stiff
         band[1, :-1] += stiff
         band[0, 1:] = -stiff
-        side = (weight * np.where(holds, said, 0.0)).sum(axis=1) / own**2
+        side = (weight * np.where(holds, values, 0.0)).sum(axis=1) / std**2
         side[1:] += stiff * change
         side[:-1] -= stiff * change
         value = solveh_banded(band, side)
-        left = np.where(holds, said - value[:, None], np.nan)
-        usual = max(least, noise.TO_DEVIATION * float(np.nanmedian(np.abs(left))))
+        left = np.where(holds, values - value[:, None], np.nan)
+        usual = max(min_std, noise.TO_DEVIATION * float(np.nanmedian(np.abs(left))))
         long = max(long, np.median([evidence.correlation_time(column) for column in left.T]))
-        own = usual * float(np.sqrt(long))
+        std = usual * float(np.sqrt(long))
         weight = np.where(
-            holds, 1.0 / np.maximum(np.abs(said - value[:, None]) / (2.0 * usual), 1.0), 0.0
+            holds, 1.0 / np.maximum(np.abs(values - value[:, None]) / (2.0 * usual), 1.0), 0.0
         )
     usual = np.median(trust[trust > 0.0])
-    return value, float((4.0 * usual / way**2 + usual**2) ** -0.25)  # infinitely long band
+    return value, float((4.0 * usual / change_std**2 + usual**2) ** -0.25)  # infinitely long band
 
 
 def touching(
@@ -176,31 +176,31 @@ def touching(
     balls = feet_of(robot.urdf, robot.feet)
     down = -rotation[:, 2, :]  # in the base frame
     frames, later, before = (
-        link_frames(robot, q + s * NUDGE * dq, robot.feet) for s in (0.0, 1.0, -1.0)
+        link_frames(robot, q + s * TIME_STEP * dq, robot.feet) for s in (0.0, 1.0, -1.0)
     )
     at, speed = [], []
     for foot, (centre, radius) in zip(robot.feet, balls, strict=True):
         turn, origin = frames[foot]
         sole = centre + np.einsum("tji,tj->ti", turn, radius * down)  # in the frame of the foot
-        places = [o + np.einsum("tij,tj->ti", r, sole) for r, o in (later[foot], before[foot])]
+        positions = [o + np.einsum("tij,tj->ti", r, sole) for r, o in (later[foot], before[foot])]
         at.append(origin + np.einsum("tij,tj->ti", turn, sole))
-        speed.append((places[0] - places[1]) / (2.0 * NUDGE))
+        speed.append((positions[0] - positions[1]) / (2.0 * TIME_STEP))
     return np.stack(at, axis=1), np.stack(speed, axis=1)
 
 
 def feet_of(urdf: str, feet: tuple[str, ...]) -> list[tuple[np.ndarray, float]]:
     """Centre (3,) and radius of each foot's sphere [m], in its link; radius 0 without a sphere."""
-    found = []
+    spheres = []
     links = {link.get("name"): link for link in ElementTree.fromstring(urdf).iter("link")}
     for foot in feet:
         shapes = links[foot].findall("collision")
         balls = [c for c in shapes if c.find("geometry/sphere") is not None]
         if not balls:
-            found.append((np.zeros(3), 0.0))
+            spheres.append((np.zeros(3), 0.0))
             continue
         radius = float(balls[0].find("geometry/sphere").get("radius"))
-        found.append((numbers(balls[0].find("origin"), "xyz", "0 0 0"), radius))
-    return found
+        spheres.append((numbers(balls[0].find("origin"), "xyz", "0 0 0"), radius))
+    return spheres
 
 
 def standing(record: Record, robot: Robot, low: np.ndarray) -> np.ndarray:
@@ -214,21 +214,21 @@ def standing(record: Record, robot: Robot, low: np.ndarray) -> np.ndarray:
         low: Height of each foot's lowest point over the base, (T, f).
     """
     force = record.feet_of(robot.feet)
-    known = np.isfinite(force).any(axis=0)
-    least = low.min(axis=1, keepdims=True)
-    stands = low - least < LOW * np.median(-least)
-    for foot in np.flatnonzero(known):
+    valid = np.isfinite(force).any(axis=0)
+    lowest = low.min(axis=1, keepdims=True)
+    stance = low - lowest < LOW * np.median(-lowest)
+    for foot in np.flatnonzero(valid):
         values = bridged(force[:, [foot]])[:, 0]
-        stands[:, foot] = values > LOADED * np.quantile(values, 0.95)
-    inside = stands.copy()
-    inside[1:] &= stands[:-1]
-    inside[:-1] &= stands[1:]
+        stance[:, foot] = values > LOADED * np.quantile(values, 0.95)
+    inside = stance.copy()
+    inside[1:] &= stance[:-1]
+    inside[:-1] &= stance[1:]
     return inside
 
 
-def loads(record: Record, robot: Robot, stands: np.ndarray) -> np.ndarray:
+def loads(record: Record, robot: Robot, stance: np.ndarray) -> np.ndarray:
     """Ground force on each foot [N], (T, f): measured, or an equal share of the weight."""
-    share = robot.mass * GRAVITY / np.maximum(stands.sum(axis=1, keepdims=True), 1)
+    share = robot.mass * GRAVITY / np.maximum(stance.sum(axis=1, keepdims=True), 1)
     force = record.feet_of(robot.feet)
     return np.where(np.isfinite(force), np.maximum(force, 0.0), share)
 
@@ -266,6 +266,6 @@ def matrices(turn: np.ndarray) -> np.ndarray:
     return np.moveaxis(np.array(rows), -1, 0)
 
 
-def turned(rotation: np.ndarray, vectors: np.ndarray) -> np.ndarray:
+def rotate(rotation: np.ndarray, vectors: np.ndarray) -> np.ndarray:
     """Rotated vectors, broadcast: (…, 3, 3) times (…, 3)."""
     return np.einsum("...ij,...j->...i", rotation, vectors)

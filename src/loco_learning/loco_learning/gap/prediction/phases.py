@@ -17,10 +17,10 @@ from ..recordings.record import Record, bridged
 
 STRIDE_PHASES = ("swing", "touchdown", "stance", "lift-off")
 MOTION = ("moving", "reversal", "rest")
-WHOLE = ("all",)
+ALL_ROWS = ("all",)
 AROUND = 0.05  # [s] after a touchdown, and before and after a lift-off or a reversal
 LOADED = 0.05  # share of a foot's typical largest force above which it stands
-RESTING = 0.05  # share of a joint's typical largest speed below which it rests
+REST_SHARE = 0.05  # share of a joint's typical largest speed below which it rests
 SPEED_TIME = 0.01  # [s] width of the smoother before a position is differentiated
 
 
@@ -32,7 +32,7 @@ def phases(record: Record, joint: str) -> tuple[tuple[str, ...], np.ndarray]:
         joint: Joint of the record; any other name has the phase "all" alone.
     """
     if joint not in record.joints:
-        return WHOLE, np.zeros(len(record.t), dtype=int)
+        return ALL_ROWS, np.zeros(len(record.t), dtype=int)
     foot = foot_of(joint, record.feet)
     if foot is not None and record.has("grf"):
         return STRIDE_PHASES, _steps(record.signals["grf"][:, foot], record.dt)
@@ -43,9 +43,9 @@ def foot_of(joint: str, feet: Sequence[str]) -> int | None:
     """Index of the foot of a joint's leg, by the longest common prefix of their names."""
     if len(feet) == 1:
         return 0
-    alike = [len(os.path.commonprefix([joint, foot])) for foot in feet]
-    best = max(alike, default=0)
-    return alike.index(best) if best and alike.count(best) == 1 else None
+    common_lengths = [len(os.path.commonprefix([joint, foot])) for foot in feet]
+    best = max(common_lengths, default=0)
+    return common_lengths.index(best) if best and common_lengths.count(best) == 1 else None
 
 
 def position(record: Record, joint: str) -> np.ndarray:
@@ -69,24 +69,24 @@ def speed(record: Record, joint: str) -> np.ndarray:
 def _steps(force: np.ndarray, dt: float) -> np.ndarray:
     force = bridged(force)
     down = force > LOADED * np.quantile(force, 0.95)
-    near = max(1, round(AROUND / dt))
+    margin = max(1, round(AROUND / dt))
     index = np.where(down, 2, 0)
     change = np.diff(down.astype(int))
     for start in np.flatnonzero(change == 1) + 1:
-        index[start : start + near] = 1
+        index[start : start + margin] = 1
     for end in np.flatnonzero(change == -1) + 1:
-        index[max(end - near, 0) : end + near] = 3
+        index[max(end - margin, 0) : end + margin] = 3
     return index
 
 
 def _motion(dq: np.ndarray, dt: float) -> np.ndarray:
-    slow = np.abs(dq) <= RESTING * np.quantile(np.abs(dq), 0.95)
-    index = np.where(slow, 2, 0)
-    sign = np.sign(np.where(slow, 0.0, dq))
+    is_slow = np.abs(dq) <= REST_SHARE * np.quantile(np.abs(dq), 0.95)
+    index = np.where(is_slow, 2, 0)
+    sign = np.sign(np.where(is_slow, 0.0, dq))
     going = np.flatnonzero(sign)
     turns = np.flatnonzero(np.diff(sign[going]))
-    near = max(1, round(AROUND / dt))
+    margin = max(1, round(AROUND / dt))
     for last, first in zip(going[turns], going[turns + 1], strict=True):
-        if first - last <= 4 * near:  # a longer pause is no reversal
-            index[max(last - near, 0) : first + near] = 1
+        if first - last <= 4 * margin:  # a longer pause is no reversal
+            index[max(last - margin, 0) : first + margin] = 1
     return index

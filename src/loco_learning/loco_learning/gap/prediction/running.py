@@ -52,7 +52,7 @@ def step(robot: Robot, dt: float) -> float:
         return sim.physics_dt
 
 
-def orders(record: Record, robot: Robot) -> CommandSequence:
+def sequence(record: Record, robot: Robot) -> CommandSequence:
     """Commands of a record.
 
     Raises:
@@ -63,22 +63,22 @@ def orders(record: Record, robot: Robot) -> CommandSequence:
     drives = [robot.drives[robot.joints[i]] for i in driven]
     torque = np.array([isinstance(drive, TorqueDrive) for drive in drives], dtype=bool)
     speed = np.array([drive.command == "velocity" for drive in drives], dtype=bool)
-    made = {kind: np.zeros((len(record.t), len(robot.joints))) for kind in ("q", "dq", "tau")}
+    tables = {kind: np.zeros((len(record.t), len(robot.joints))) for kind in ("q", "dq", "tau")}
     needed = {"position": ~torque & ~speed, "velocity": speed, "torque": torque}
-    for key, kind, mine in (("q", "position", ~torque & ~speed), ("dq", "velocity", ~torque),
+    for key, kind, columns in (("q", "position", ~torque & ~speed), ("dq", "velocity", ~torque),
                             ("tau", "torque", torque | ~_servos(drives))):  # fmt: skip
-        wanted = kind in needed and needed[kind].any()
-        if mine.any() and (wanted or kind in record.command):
-            made[key][:, driven[mine]] = record.command_of(robot, kind)[:, mine]
-    if not all(np.all(np.isfinite(values)) for values in made.values()):
+        is_required = kind in needed and needed[kind].any()
+        if columns.any() and (is_required or kind in record.command):
+            tables[key][:, driven[columns]] = record.command_of(robot, kind)[:, columns]
+    if not all(np.all(np.isfinite(values)) for values in tables.values()):
         raise ParameterError(f"{record.name}: a command is not finite")
     power = None
     if record.inputs:
-        ones = np.ones(len(record.t))
-        power = np.stack([record.inputs.get(k, ones) for k in ("supply", "enable")], axis=1)
+        unity = np.ones(len(record.t))
+        power = np.stack([record.inputs.get(k, unity) for k in ("supply", "enable")], axis=1)
     ramps = tuple(kind in record.ramps for kind in ("position", "velocity", "torque"))
     stance = record.stance_of(robot.feet)
-    return CommandSequence(made["q"], made["dq"], made["tau"], power, ramps, stance)
+    return CommandSequence(tables["q"], tables["dq"], tables["tau"], power, ramps, stance)
 
 
 def _servos(drives: Sequence[Any]) -> np.ndarray:
@@ -129,7 +129,7 @@ def integrals(robot: Robot, told: CommandSequence, dt: float, state: np.ndarray)
 def run(
     robot: Robot,
     effects: Sequence[Effect],
-    told: CommandSequence,
+    inputs: CommandSequence,
     starts: Sequence[Start],
     dt: float,
     channels: Sequence[Channel],
@@ -139,7 +139,7 @@ def run(
     Args:
         robot: The robot.
         effects: Effects on the robot.
-        told: Commands.
+        inputs: Commands.
         starts: Initial states of the pieces; empty for the whole record from rest in standing.
         dt: Time between rows [s].
         channels: Columns of the result.
@@ -147,19 +147,19 @@ def run(
     Raises:
         LocoError: An effect is invalid for the robot.
     """
-    made = [effect for effect in effects if not effect.identity.noise]
-    if needs_engine(robot, made):
-        return _with_engine(robot, made, told, starts, dt, channels)
-    pieces = None
+    noiseless = [effect for effect in effects if not effect.identity.noise]
+    if needs_engine(robot, noiseless):
+        return _with_engine(robot, noiseless, inputs, starts, dt, channels)
+    segments = None
     if starts:
         rows = np.array([[s.row, s.stop] for s in starts])
         states = [np.broadcast_arrays(s.q, s.dq, s.integral) for s in starts]
-        pieces = Segments(rows, np.array(states, dtype=float))
-    plant = Bolted(robot, made, 0, dt)
+        segments = Segments(rows, np.array(states, dtype=float))
+    plant = Bolted(robot, noiseless, 0, dt)
     with np.errstate(over="ignore", invalid="ignore"):
-        swinging = told.swinging(robot)
-        found = plant.run(*told[:3], None, told.power, pieces, told.ramps, swinging)
-    return assembled(robot, channels, found._asdict(), len(told.q))
+        swinging = inputs.swinging(robot)
+        readings = plant.run(*inputs[:3], None, inputs.power, segments, inputs.ramps, swinging)
+    return assembled(robot, channels, readings._asdict(), len(inputs.q))
 
 
 def instants(
@@ -203,12 +203,12 @@ def instants(
 def _with_engine(
     robot: Robot,
     effects: list,
-    told: CommandSequence,
+    inputs: CommandSequence,
     starts: Sequence[Start],
     dt: float,
     channels: Sequence[Channel],
 ) -> np.ndarray:
-    rows = len(told.q)
+    rows = len(inputs.q)
     out = np.full((rows, len(channels)), np.nan)
     with Simulation(None, effects, 0, dt, robot) as sim:
         for start in starts or (Start(0, rows, robot.standing, None),):
@@ -218,7 +218,7 @@ def _with_engine(
             else:
                 sim.place(start.q, start.dq, start.base, tick=start.row, integral=start.integral)
             try:
-                for state in sim.follow(told.rows(start.row, start.stop)):
+                for state in sim.follow(inputs.rows(start.row, start.stop)):
                     track.add(state, sim)
             except DivergedError:
                 pass

@@ -34,10 +34,10 @@ LONGER = (21, 34, 55)  # further ones at the start of a record, where a robot mo
 AGREES = 1.5  # largest difference to shorter ones, in deviations (least error on a wave)
 JUMP = 0.02  # time around a touch-down or lift-off in which velocities jump [s]
 CHANCE = 1.5  # noise deviations of the cubic coefficient at which a parabola still fits
-BENT = 0.1  # largest rms of a command about a parabola, of its range; steps have 0.15 (taste)
+CURVED = 0.1  # largest rms of a command about a parabola, of its range; steps have 0.15 (taste)
 
 
-def pieces(record: Record, robot: Robot, length: float) -> list[Start]:
+def segments(record: Record, robot: Robot, length: float) -> list[Start]:
     """Consecutive pieces of a record that start where the state of the robot was measured.
 
     A single remaining sample belongs to the last piece. On the ground, pieces start where no foot
@@ -51,39 +51,39 @@ def pieces(record: Record, robot: Robot, length: float) -> list[Start]:
     rows = max(2, round(length / record.dt))
     q, dq = joint_states(record, robot)
     bases = None if robot.fixed_base else base_states(record)
-    calm = np.ones(len(record.t), dtype=bool)
+    quiet = np.ones(len(record.t), dtype=bool)
     if bases and not any(bases):
-        said = odometry.legs(record, robot, q, dq)
-        bases, calm = carried_states(said), calm if said is None else still(said, JUMP)
-    found, stop = [], 0
+        legs = odometry.legs(record, robot, q, dq)
+        bases, quiet = carried_states(legs), quiet if legs is None else steady(legs, JUMP)
+    starts, stop = [], 0
     while stop < len(record.t) - 1:
         row, stop = stop, min(stop + rows, len(record.t))
-        later = np.flatnonzero(calm[row : row + rows // 2])
+        later = np.flatnonzero(quiet[row : row + rows // 2])
         row += int(later[0]) if len(later) else 0
         base = bases[row] if bases else None
-        known = np.all(np.isfinite(q[row])) and np.all(np.isfinite(dq[row]))
-        if known and (robot.fixed_base or base is not None):
+        valid = np.all(np.isfinite(q[row])) and np.all(np.isfinite(dq[row]))
+        if valid and (robot.fixed_base or base is not None):
             stop = row + rows if row + rows < len(record.t) - 1 else len(record.t)
-            found.append(Start(row, stop, q[row], dq[row], base))
-    return found
+            starts.append(Start(row, stop, q[row], dq[row], base))
+    return starts
 
 
-def still(said: odometry.Legs, time: float) -> np.ndarray:
+def steady(legs: odometry.Legs, time: float) -> np.ndarray:
     """Samples without touch-down or lift-off within a time [s] before and after, (T,) flags."""
-    return ~binary_dilation(said.steps, iterations=max(1, round(time / said.dt)))
+    return ~binary_dilation(legs.steps, iterations=max(1, round(time / legs.dt)))
 
 
-def begun(
-    robot: Robot, effects: Sequence[Effect], starts: list[Start], said: odometry.Legs | None
+def adjust_starts(
+    robot: Robot, effects: Sequence[Effect], starts: list[Start], legs: odometry.Legs | None
 ) -> list[Start]:
     """Pieces with the base states that a robot with effects has, given its IMU and leg data."""
     acting = [effect for effect in effects if not effect.absent()]
-    if said and any(overrides(effect, "depth") for effect in acting):
-        load, depth = dict(zip(robot.feet, said.load.T, strict=True)), np.zeros(said.load.shape)
+    if legs and any(overrides(effect, "depth") for effect in acting):
+        load, depth = dict(zip(robot.feet, legs.load.T, strict=True)), np.zeros(legs.load.shape)
         for effect in acting:
-            for foot, way in effect.depth(load, said.dt).items():
-                depth[:, robot.feet.index(foot)] += way
-        bases = carried_states(said, depth)
+            for foot, offset in effect.depth(load, legs.dt).items():
+                depth[:, robot.feet.index(foot)] += offset
+        bases = carried_states(legs, depth)
         starts = [s._replace(base=bases[s.row]) for s in starts]
     for effect in acting:
         if overrides(effect, "begin"):
@@ -91,13 +91,13 @@ def begun(
     return starts
 
 
-def spread(starts: list[Start], most: int) -> list[Start]:
-    """At most `most` of the pieces, evenly spread."""
-    chosen = np.unique(np.linspace(0, len(starts) - 1, min(most, len(starts))).round().astype(int))
-    return [starts[i] for i in chosen]
+def select_evenly(starts: list[Start], limit: int) -> list[Start]:
+    """At most `limit` of the pieces, evenly spread."""
+    rows = np.unique(np.linspace(0, len(starts) - 1, min(limit, len(starts))).round().astype(int))
+    return [starts[i] for i in rows]
 
 
-class Doubts(NamedTuple):
+class StateStd(NamedTuple):
     """Standard deviations of the initial states of the pieces of a record.
 
     Attributes:
@@ -117,47 +117,47 @@ class Doubts(NamedTuple):
     spin: float
 
 
-def doubts(record: Record, robot: Robot) -> Doubts:
+def state_std(record: Record, robot: Robot) -> StateStd:
     """Standard deviations of the initial states of the pieces of a record."""
     shape = len(record.t), len(robot.joints)
     if robot.fixed_base:
         q, dq = np.zeros((2, *shape))
-        for joint, seen in enumerate(_joints(record, robot)):
-            if seen is not None:
-                q[:, joint], dq[:, joint] = seen.level_noise, seen.rate_noise
-        return Doubts(q, dq, 0.0, 0.0, 0.0, 0.0)
-    said = {k: record.read_of(robot, k) for k in ("q", "dq")}
-    off = {
+        for joint, estimate in enumerate(_joints(record, robot)):
+            if estimate is not None:
+                q[:, joint], dq[:, joint] = estimate.level_noise, estimate.rate_noise
+        return StateStd(q, dq, 0.0, 0.0, 0.0, 0.0)
+    readings = {k: record.read_of(robot, k) for k in ("q", "dq")}
+    error = {
         k: np.array(
             [deviation(x, record.step_of(k, j)) for x, j in zip(v.T, robot.joints, strict=True)]
         )
-        for k, v in said.items()
+        for k, v in readings.items()
     }
     reach = (2 * HALVES[0] + 1) ** 1.5 * record.dt / np.sqrt(12.0)  # for a parabola's slope
-    speed = np.where(np.isfinite(said["dq"]).any(axis=0), off["dq"], off["q"] / reach)
-    seen = odometry.legs(record, robot, *joint_states(record, robot))
-    moved, high = odometry.carried(seen).apart if seen else (0.0, 0.0)
-    turn = 2.0 * _of_imu(record, "orientation") if seen else 0.0
+    speed = np.where(np.isfinite(readings["dq"]).any(axis=0), error["dq"], error["q"] / reach)
+    estimate = odometry.legs(record, robot, *joint_states(record, robot))
+    moved, high = odometry.estimate_base(estimate).apart if estimate else (0.0, 0.0)
+    turn = 2.0 * _of_imu(record, "orientation") if estimate else 0.0
     spin = _of_imu(record, "gyro")
-    joints = (np.broadcast_to(each, shape) for each in (off["q"], speed))
-    return Doubts(*joints, moved, high, turn, spin)
+    joints = (np.broadcast_to(each, shape) for each in (error["q"], speed))
+    return StateStd(*joints, moved, high, turn, spin)
 
 
-def shaken(starts: list[Start], off: Doubts, rng: np.random.Generator) -> list[Start]:
+def perturb(starts: list[Start], std: StateStd, rng: np.random.Generator) -> list[Start]:
     """Pieces with initial states drawn from their uncertainty."""
-    found = []
+    result = []
     for s in starts:
         q, dq = (rng.standard_normal(len(s.q)) for _ in range(2))
         v, w, r = rng.standard_normal((3, 3))
         base = s.base and Base(
-            (*s.base.position[:2], s.base.position[2] + off.height * rng.standard_normal()),
-            multiply((*(0.5 * off.turn * r), 1.0), s.base.orientation),
-            tuple(s.base.velocity + off.velocity * v),
-            tuple(s.base.angular_velocity + off.spin * w),
+            (*s.base.position[:2], s.base.position[2] + std.height * rng.standard_normal()),
+            multiply((*(0.5 * std.turn * r), 1.0), s.base.orientation),
+            tuple(s.base.velocity + std.velocity * v),
+            tuple(s.base.angular_velocity + std.spin * w),
         )
-        q, dq = s.q + off.q[s.row] * q, s.dq + off.dq[s.row] * dq
-        found.append(s._replace(q=q, dq=dq, base=base))
-    return found
+        q, dq = s.q + std.q[s.row] * q, s.dq + std.dq[s.row] * dq
+        result.append(s._replace(q=q, dq=dq, base=base))
+    return result
 
 
 def deviation(values: np.ndarray, step: float) -> float:
@@ -173,13 +173,13 @@ def _of_imu(record: Record, signal: str) -> float:
 
 
 def carried_states(
-    said: odometry.Legs | None, depth: np.ndarray | None = None
+    legs: odometry.Legs | None, depth: np.ndarray | None = None
 ) -> list[Base] | None:
     """Base state at each sample from IMU and legs, at x = y = 0; None without them."""
-    if said is None:
+    if legs is None:
         return None
-    motion = odometry.carried(said, depth)
-    rows = zip(motion.height, said.turn, motion.velocity, said.spin, strict=True)
+    motion = odometry.estimate_base(legs, depth)
+    rows = zip(motion.height, legs.turn, motion.velocity, legs.spin, strict=True)
     return [
         Base((0.0, 0.0, float(z)), tuple(r.tolist()), tuple(v.tolist()), tuple(w.tolist()))
         for z, r, v, w in rows
@@ -195,27 +195,27 @@ def joint_states(record: Record, robot: Robot) -> tuple[np.ndarray, np.ndarray]:
     """
     q = np.repeat(robot.standing[None].astype(float), len(record.t), axis=0)
     dq = np.zeros(q.shape)
-    for joint, seen in enumerate(_joints(record, robot)):
-        if seen is not None:
-            q[:, joint], dq[:, joint] = seen.level, seen.rate
+    for joint, estimate in enumerate(_joints(record, robot)):
+        if estimate is not None:
+            q[:, joint], dq[:, joint] = estimate.level, estimate.rate
     return q, dq
 
 
 def _joints(record: Record, robot: Robot) -> list[Smooth | None]:
     """Smoothed position and velocity of each joint for `joint_states`; None if not measured."""
-    measured, said = record.joints_of(robot, "q"), record.joints_of(robot, "dq")
-    found: list[Smooth | None] = []
-    for joint, read, speed in zip(robot.joints, measured.T, said.T, strict=True):
-        step, own = record.step_of("q", joint), record.step_of("dq", joint)
-        seen = None if np.all(np.isnan(read)) else smoothed(read, record.dt, step)
-        if seen is not None and np.isfinite(speed).all():
-            heard = smoothed(speed, record.dt, own)
-            better = (heard.level_noise <= seen.rate_noise) | (not robot.fixed_base)
-            pairs = (heard.level, seen.rate), (heard.level_noise, seen.rate_noise)
-            rate, left = (np.where(better, *pair) for pair in pairs)
-            seen = seen._replace(rate=rate, rate_noise=left)
-        found.append(seen)
-    return found
+    measured, speeds = record.joints_of(robot, "q"), record.joints_of(robot, "dq")
+    estimates: list[Smooth | None] = []
+    for joint, read, speed in zip(robot.joints, measured.T, speeds.T, strict=True):
+        step, speed_step = record.step_of("q", joint), record.step_of("dq", joint)
+        estimate = None if np.all(np.isnan(read)) else smoothed(read, record.dt, step)
+        if estimate is not None and np.isfinite(speed).all():
+            direct = smoothed(speed, record.dt, speed_step)
+            prefer = (direct.level_noise <= estimate.rate_noise) | (not robot.fixed_base)
+            pairs = (direct.level, estimate.rate), (direct.level_noise, estimate.rate_noise)
+            rate, left = (np.where(prefer, *pair) for pair in pairs)
+            estimate = estimate._replace(rate=rate, rate_noise=left)
+        estimates.append(estimate)
+    return estimates
 
 
 def first_state(record: Record, robot: Robot) -> np.ndarray:
@@ -226,44 +226,44 @@ def first_state(record: Record, robot: Robot) -> np.ndarray:
     """
     state = np.zeros((3, len(robot.joints)))
     state[0] = robot.standing
-    for joint, found in _firsts(record, robot):
-        state[:, joint] = found[:3]
+    for joint, estimate in _firsts(record, robot):
+        state[:, joint] = estimate[:3]
     return state
 
 
 def first_doubt(record: Record, robot: Robot) -> tuple[np.ndarray, np.ndarray]:
     """Standard deviations of `first_state`, (n,) each; 0 for joints that were not measured."""
     q, dq = np.zeros(len(robot.joints)), np.zeros(len(robot.joints))
-    for joint, found in _firsts(record, robot):
-        q[joint], dq[joint] = found[3:]
+    for joint, estimate in _firsts(record, robot):
+        q[joint], dq[joint] = estimate[3:]
     return q, dq
 
 
 def _firsts(record: Record, robot: Robot) -> Iterator[tuple[int, tuple]]:
     """Index of each measured joint with the results of `_first`."""
     measured = record.joints_of(robot, "q")
-    told = np.zeros_like(measured)
+    commands = np.zeros_like(measured)
     if "position" in record.command:
-        told[:, robot.driven] = record.command_of(robot, "position")
+        commands[:, robot.driven] = record.command_of(robot, "position")
     for joint in range(len(robot.joints)):
         if np.isfinite(measured[:, joint]).sum() > 2 * HALVES[0]:
             rows, values = _of_sensor(measured[:, joint])
             step = record.step_of("q", robot.joints[joint])
-            off = float(np.hypot(noise_of(values, step), 0.5 * step))  # quantisation included
-            command = told[np.rint(rows).astype(int), joint]
-            most = 2 * max(*HALVES, *LONGER) + 1
-            columns = (x[:most].tobytes() for x in (rows * record.dt, values, command))
-            yield joint, _first_of(*columns, off)
+            sigma = float(np.hypot(noise_of(values, step), 0.5 * step))  # quantisation included
+            command = commands[np.rint(rows).astype(int), joint]
+            max_samples = 2 * max(*HALVES, *LONGER) + 1
+            columns = (x[:max_samples].tobytes() for x in (rows * record.dt, values, command))
+            yield joint, _first_of(*columns, sigma)
 
 
 @lru_cache(maxsize=4096)
-def _first_of(t: bytes, values: bytes, told: bytes, off: float) -> tuple[float, ...]:
+def _first_of(t: bytes, values: bytes, command: bytes, sigma: float) -> tuple[float, ...]:
     """`_first` of columns as bytes: the tests of a set-up change one joint of many."""
-    return _first(np.frombuffer(t), np.frombuffer(values), off, np.frombuffer(told))
+    return _first(np.frombuffer(t), np.frombuffer(values), sigma, np.frombuffer(command))
 
 
 def _first(
-    t: np.ndarray, values: np.ndarray, off: float, told: np.ndarray
+    t: np.ndarray, values: np.ndarray, sigma: float, command: np.ndarray
 ) -> tuple[float, float, float, float, float]:
     """Value, rate and its rate at time 0, and deviations of the first two, from a parabola.
 
@@ -276,51 +276,51 @@ def _first(
     as much, and the change of the rate within one sample, since the internal state of the drive is
     unknown.
     """
-    for half in reversed((*HALVES, *LONGER)):
-        n = min(2 * half + 1, len(t))
-        _, bent = _fitted(t[:n], told[:n], 2)
-        found, left = _fitted(t[:n], values[:n], 3)
-        straight = abs(found.coef[3]) <= CHANCE * off * np.sqrt(7.0 / n)
-        if left <= off and straight and bent <= max(off, BENT * np.ptp(told[:n])):
+    for side in reversed((*HALVES, *LONGER)):
+        n = min(2 * side + 1, len(t))
+        _, curved = _fitted(t[:n], command[:n], 2)
+        estimate, left = _fitted(t[:n], values[:n], 3)
+        fits = abs(estimate.coef[3]) <= CHANCE * sigma * np.sqrt(7.0 / n)
+        if left <= sigma and fits and curved <= max(sigma, CURVED * np.ptp(command[:n])):
             break
     else:  # at most up to the sample that the largest step of the command affects
-        n = min(n, max(3, 2 + int(np.argmax(np.abs(np.diff(told[:n]))))))
+        n = min(n, max(3, 2 + int(np.argmax(np.abs(np.diff(command[:n]))))))
     parabola, _ = _fitted(t[:n], values[:n], 2)
     powers = t[:n, None] ** np.arange(min(4, n))
-    spread = off * np.sqrt(np.diag(np.linalg.inv(powers.T @ powers)))
+    std = sigma * np.sqrt(np.diag(np.linalg.inv(powers.T @ powers)))
     bend = parabola.deriv(2)(0.0)
     change = bend * (t[1] - t[0]) / np.sqrt(12.0)
-    found = parabola(0.0), parabola.deriv()(0.0), bend, spread[0], np.hypot(spread[1], change)
-    return tuple(float(x) for x in found)
+    estimate = parabola(0.0), parabola.deriv()(0.0), bend, std[0], np.hypot(std[1], change)
+    return tuple(float(x) for x in estimate)
 
 
 def _fitted(t: np.ndarray, values: np.ndarray, degree: int) -> tuple[np.polynomial.Legendre, float]:
     """Polynomial fit of values, and the rms of its residual."""
-    found = np.polynomial.Legendre.fit(t, values, degree)
-    return found, float(np.sqrt(np.mean((found(t) - values) ** 2)))
+    polynomial = np.polynomial.Legendre.fit(t, values, degree)
+    return polynomial, float(np.sqrt(np.mean((polynomial(t) - values) ** 2)))
 
 
 def base_states(record: Record) -> list[Base | None]:
     """State of the base at each sample, relative to the first; None where it was not measured."""
-    position, turned = (record.signals.get(k) for k in ("base_position", "base_orientation"))
-    if position is None or turned is None:
+    position, orientations = (record.signals.get(k) for k in ("base_position", "base_orientation"))
+    if position is None or orientations is None:
         return [None] * len(record.t)
     place = at_home(position, record)
-    half = -0.5 * heading(turned)
-    home = (0.0, 0.0, float(np.sin(half)), float(np.cos(half)))
-    turn = np.array([multiply(home, row) for row in turned.tolist()])
+    half_angle = -0.5 * heading(orientations)
+    home = (0.0, 0.0, float(np.sin(half_angle)), float(np.cos(half_angle)))
+    turn = np.array([multiply(home, row) for row in orientations.tolist()])
     flips = np.sign(np.sum(turn[1:] * turn[:-1], axis=1))
     turn[1:] *= np.cumprod(np.where(flips == 0.0, 1.0, np.where(flips < 0.0, -1.0, 1.0)))[:, None]
     x, v = _smoothed_columns(place, record.dt)
     r, w = _smoothed_columns(turn, record.dt)
     r /= np.linalg.norm(r, axis=1, keepdims=True)
-    found: list[Base | None] = []
+    states: list[Base | None] = []
     for row in range(len(record.t)):
         back = (-r[row, 0], -r[row, 1], -r[row, 2], r[row, 3])
         spin = tuple(2.0 * s for s in multiply(w[row].tolist(), back)[:3])  # 2 dr/dt r^-1
         state = Base(tuple(x[row].tolist()), tuple(r[row].tolist()), tuple(v[row].tolist()), spin)
-        found.append(state if np.all(np.isfinite(np.concatenate(state))) else None)
-    return found
+        states.append(state if np.all(np.isfinite(np.concatenate(state))) else None)
+    return states
 
 
 class Smooth(NamedTuple):
@@ -352,42 +352,42 @@ def smoothed(values: np.ndarray, dt: float, step: float = 0.0) -> Smooth:
         dt: Time between samples [s].
         step: Quantisation step of the values.
     """
-    known = np.isfinite(values)
-    if known.sum() < 2 * HALVES[0] + 1:
+    valid = np.isfinite(values)
+    if valid.sum() < 2 * HALVES[0] + 1:
         return Smooth(*np.full((2, len(values)), np.nan), *np.full((2, len(values)), np.inf))
-    own, filled = _of_sensor(values)
-    delta, rows = (own[1] - own[0]) * dt, np.arange(len(values))
+    sensor_rows, filled = _of_sensor(values)
+    delta, rows = (sensor_rows[1] - sensor_rows[0]) * dt, np.arange(len(values))
     off_by = max(noise_of(filled, step), step / np.sqrt(12.0))
-    found, doubts = [], []
+    estimates, deviations = [], []
     for order in (0, 1):
-        best, off = np.zeros(len(filled)), np.full(len(filled), np.inf)
+        best, best_std = np.zeros(len(filled)), np.full(len(filled), np.inf)
         low, high = np.full((2, len(filled)), -np.inf) * [[1.0], [-1.0]]
-        for half in HALVES:
-            if 2 * half + 1 > len(filled):
+        for side in HALVES:
+            if 2 * side + 1 > len(filled):
                 break
-            shape = {"window_length": 2 * half + 1, "polyorder": 3, "deriv": order}
-            said = signal.savgol_filter(filled, **shape, delta=delta, mode="interp")
-            doubt = off_by / delta**order * _kept(half, order, len(filled))
-            low = np.maximum(low, said - AGREES * doubt)
-            high = np.minimum(high, said + AGREES * doubt)
-            longer = (low <= high) & (doubt < off)
-            best[longer], off[longer] = said[longer], doubt[longer]
-        found.append(np.where(known, np.interp(rows, own, best), np.nan))
-        doubts.append(np.hypot(1.0, AGREES) * np.interp(rows, own, off))
-    return Smooth(*found, *doubts)
+            shape = {"window_length": 2 * side + 1, "polyorder": 3, "deriv": order}
+            filtered = signal.savgol_filter(filled, **shape, delta=delta, mode="interp")
+            std = off_by / delta**order * _noise_gain(side, order, len(filled))
+            low = np.maximum(low, filtered - AGREES * std)
+            high = np.minimum(high, filtered + AGREES * std)
+            longer = (low <= high) & (std < best_std)
+            best[longer], best_std[longer] = filtered[longer], std[longer]
+        estimates.append(np.where(valid, np.interp(rows, sensor_rows, best), np.nan))
+        deviations.append(np.hypot(1.0, AGREES) * np.interp(rows, sensor_rows, best_std))
+    return Smooth(*estimates, *deviations)
 
 
-def _kept(half: int, order: int, count: int) -> np.ndarray:
+def _noise_gain(side: int, order: int, count: int) -> np.ndarray:
     """Noise gain of a cubic fit over 2 half + 1 of `count` samples, at each of them, (count,)."""
     place, last = np.arange(count), count - 1
-    place = np.minimum(place, half) + np.maximum(place - (last - half), 0)  # centre, except at ends
-    return _shares(half, order)[place]
+    place = np.minimum(place, side) + np.maximum(place - (last - side), 0)  # centre, except at ends
+    return _shares(side, order)[place]
 
 
 @lru_cache
-def _shares(half: int, order: int) -> np.ndarray:
+def _shares(side: int, order: int) -> np.ndarray:
     """Noise gain of a cubic fit at each position in its window, (2 half + 1,)."""
-    width = 2 * half + 1
+    width = 2 * side + 1
     rows = [signal.savgol_coeffs(width, 3, deriv=order, pos=p) for p in range(width)]
     return np.linalg.norm(rows, axis=1)
 
@@ -407,10 +407,10 @@ def _of_sensor(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         Rows and interpolated values, (S,) each.
     """
     rows = np.flatnonzero(np.isfinite(values))
-    apart = np.diff(rows)
-    stride = float(np.mean(apart[apart <= 1.5 * np.median(apart)]))
-    own = np.linspace(rows[0], rows[-1], 1 + round((rows[-1] - rows[0]) / stride))
-    return own, np.interp(own, rows, values[rows])
+    gaps = np.diff(rows)
+    stride = float(np.mean(gaps[gaps <= 1.5 * np.median(gaps)]))
+    sensor_rows = np.linspace(rows[0], rows[-1], 1 + round((rows[-1] - rows[0]) / stride))
+    return sensor_rows, np.interp(sensor_rows, rows, values[rows])
 
 
 def noise_of(values: np.ndarray, step: float = 0.0) -> float:

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Preview of what recordings can show about a model, in 15 s and without a search.
 
-`look` reports properties of the recordings, the smallest visible size of each effect, missing
+`inspect` reports properties of the recordings, the smallest visible size of each effect, missing
 signals, and the expected duration of a search.
 """
 
@@ -25,8 +25,8 @@ from ...jobs import pool
 from ...plain import plain
 from ..fitting.search import call
 from ..hypotheses import hints
-from ..hypotheses.bundles import bundles
-from ..hypotheses.hypotheses import offer, separable, untried
+from ..hypotheses.bundles import batches
+from ..hypotheses.hypotheses import offer, omitted, separable
 from ..params import GapParams
 from ..prediction import case as cases
 from ..prediction import floors, running
@@ -92,7 +92,7 @@ class SearchTime(Params):
 SEARCH = SearchTime()
 
 
-def look(
+def inspect(
     model: Model,
     records: Sequence[Record],
     params: GapParams | None = None,
@@ -118,7 +118,7 @@ def look(
     params = params or GapParams()
     report = progress or (lambda share, stage: None)
     report(0.0, "looking at the set-up")
-    findings = family.look(model, records)
+    findings = family.find_mistakes(model, records)
     robots = [robot_of(model, r) for r in records]
     if any(finding.stops for finding in findings):
         return _contents(model, records, robots, findings)
@@ -126,24 +126,24 @@ def look(
     report(0.1, "running the model as it is")
     robots, how = [robot_of(model, r) for r in records], ForwardParams(window=params.window)
     limit = {"sim.damping_limit": max(LIMBER, robots[0].sim.damping_limit)}
-    quick = replace(model, overrides={**model.overrides, **limit})
-    parts = excerpts(records, _seconds(Forward(quick, records[:1], how)))
-    case = cases.whole(Forward(quick, parts, how), parts)
+    limited = replace(model, overrides={**model.overrides, **limit})
+    parts = excerpts(records, _seconds(Forward(limited, records[:1], how)))
+    case = cases.fit_all_rows(Forward(limited, parts, how), parts)
     robot = case.forward.robot()
     offers = hints.sized(offer(robot, case.signals, hints.find(case, robot)), case.forward)
     single = [h for h in offers if "*" not in h.place]  # effects on groups show in their joints
     hypotheses, rest = separable(single)
     fixed = all(robot.fixed_base for robot in robots)
-    groups = bundles(robot, case.forward.channels, hypotheses, fixed)
+    groups = batches(robot, case.forward.channels, hypotheses, fixed)
 
-    def tried(share: float) -> None:
+    def report_share(share: float) -> None:
         report(0.2 + 0.7 * share, "trying every effect")
 
-    tried(0.0)
+    report_share(0.0)
     count = 0 if workers < 2 or floors.compiled(case.forward) else workers
     with pool.start(call, (case,), count) as tasks:
-        results, seconds = visible.look(
-            case, groups, math.sqrt(LIMITS.explained**2 - 1.0), tasks, tried
+        results, seconds = visible.visible_sizes(
+            case, groups, math.sqrt(LIMITS.explained**2 - 1.0), tasks, report_share
         )
     each = seconds / len(groups) / sum(r.duration for r in parts) if groups else 0.0
     times = _search(case.forward, records, len(groups), each, params)
@@ -154,8 +154,8 @@ def look(
             for c, floor in zip(case.forward.channels, case.floor, strict=True)
         ],
         effects=[_row(one, robot) for one in results],
-        not_tried=[{"effect": e, "reason": note} for e, note in untried(robot, offers) + rest],
-        notes=[*untested(robots), *_tried(records, parts)],
+        not_tried=[{"effect": e, "reason": note} for e, note in omitted(robot, offers) + rest],
+        notes=[*untested(robots), *_scope_notes(records, parts)],
         search_seconds=[float(f"{s / max(1, workers):.2g}") for s in times],
     )  # fmt: skip
 
@@ -270,9 +270,9 @@ def excerpts(records: Sequence[Record], seconds: float) -> list[Record]:
     Of recordings too many for that, some are chosen, evenly spread.
     """
     count = min(max(int(seconds / EFFORT.each_min), 1), len(records))
-    chosen = np.linspace(0.0, len(records) - 1.0, count).round().astype(int)
+    selected = np.linspace(0.0, len(records) - 1.0, count).round().astype(int)
     each = max(seconds / count, EFFORT.each_min)
-    return [busiest(records[i], each) for i in chosen]
+    return [busiest(records[i], each) for i in selected]
 
 
 def untested(robots: Sequence[Robot]) -> list[str]:
@@ -283,7 +283,7 @@ def untested(robots: Sequence[Robot]) -> list[str]:
     return [f"axes, weight, masses and gains of the set-up were not tested: {reasons[0]}"]
 
 
-def _tried(records: Sequence[Record], parts: Sequence[Record]) -> list[str]:
+def _scope_notes(records: Sequence[Record], parts: Sequence[Record]) -> list[str]:
     """A sentence on the excerpts on which effects were tried; none if they are everything."""
     part, total = (sum(r.duration for r in each) for each in (parts, records))
     if part > 0.99 * total:
@@ -323,6 +323,6 @@ def _search(
     return [level, params.most_terms * level]
 
 
-def _list(names: Sequence[str], most: int = 6) -> str:
-    suffix = f" and {len(names) - most} more" if len(names) > most else ""
-    return ", ".join(names[:most]) + suffix
+def _list(names: Sequence[str], max_names: int = 6) -> str:
+    suffix = f" and {len(names) - max_names} more" if len(names) > max_names else ""
+    return ", ".join(names[:max_names]) + suffix

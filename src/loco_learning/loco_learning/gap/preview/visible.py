@@ -19,16 +19,16 @@ from loco_control.exceptions import LocoError
 from loco_sim.effects import EFFECTS
 
 from ...jobs.pool import Jobs
-from ..hypotheses.bundles import Bundle
+from ..hypotheses.bundles import Batch
 from ..hypotheses.hypotheses import Hypothesis
 from ..prediction.case import Case
 
 TRIES = 4  # sizes of an effect that are simulated
 GROW, SHRINK = 30.0, 3e-3  # largest and smallest factor from one tried size to the next
-FAR, LEVEL = 5.0, 1.1  # sizes this factor apart with levels within this one: a flat response
-NEAR = 2.0  # factor from the target response within which the response is taken as linear
+RATIO, LEVEL = 5.0, 1.1  # sizes this factor apart with levels within this one: a flat response
+LINEAR = 2.0  # factor from the target response within which the response is taken as linear
 DEAD = 1e-6  # response over a visible one below which there is none
-FLAT, STEEP = 0.3, 3.0  # bounds on the exponent of the response over the size (taste)
+MIN_EXPONENT, STEEP = 0.3, 3.0  # bounds on the exponent of the response over the size (taste)
 SAME = 0.95  # cosine of two responses above which these recordings cannot distinguish them
 YES, LARGE, NO = "yes", "if large", "no"
 
@@ -100,13 +100,13 @@ class _Trial:
         at[self.strength] = self.x
         return self.hypothesis.term(at).spec
 
-    def take(self, response: np.ndarray, channel_of: np.ndarray, shows: float) -> None:
+    def take(self, response: np.ndarray, channel_of: np.ndarray, threshold: float) -> None:
         """Keep the response to this size if it is closest to a visible one; choose the next size.
 
         Args:
             response: Change of all values [floors], (N,).
             channel_of: Channel of each value, (N,).
-            shows: Rms in one channel above which an effect is visible [floors].
+            threshold: Rms in one channel above which an effect is visible [floors].
         """
         if self.done:
             return
@@ -115,9 +115,9 @@ class _Trial:
         count = np.maximum(np.bincount(channel_of), 1)
         rms = np.sqrt(np.bincount(channel_of, np.square(response)) / count)
         channel = int(np.argmax(rms))
-        level = float(rms[channel]) / shows
+        level = float(rms[channel]) / threshold
         size = _Size(self.x, level, channel, response.astype(np.float32))
-        power, constant = self._power(size), self._same(size, FAR)
+        power, constant = self._power(size), self._same(size, RATIO)
         if self._is_closer(size):
             self.best = size
         if level < DEAD:
@@ -129,7 +129,7 @@ class _Trial:
         if jump and not self.dead < x < self.loud:
             x = math.sqrt(self.dead * self.loud)
         self.x = self.hypothesis.coordinates[self.strength].clipped(x)
-        visible = 1.0 / NEAR <= level <= NEAR or (jump and self.loud <= NEAR**2 * self.dead)
+        visible = 1.0 / LINEAR <= level <= LINEAR or (jump and self.loud <= LINEAR**2 * self.dead)
         self.done = visible or constant or self.x == size.x
 
     def _is_closer(self, size: _Size) -> bool:
@@ -155,30 +155,30 @@ class _Trial:
         if best is None or size.x == best.x or min(size.level, best.level) < DEAD:
             return 1.0
         grown = math.log(size.level / best.level) / math.log(size.x / best.x)
-        return min(max(grown, FLAT), STEEP)
+        return min(max(grown, MIN_EXPONENT), STEEP)
 
     def smallest(self) -> float:
         """Smallest visible size, extrapolated linearly from the closest simulated one.
 
-        The extrapolation to smaller sizes is limited to a factor of `NEAR`.
+        The extrapolation to smaller sizes is limited to a factor of `LINEAR`.
         """
         c = self.hypothesis.coordinates[self.strength]
         if self.best is None or self.best.level < DEAD:
             return math.inf
-        size = abs(c.origin + c.size * self.best.x / min(self.best.level, NEAR))
+        size = abs(c.origin + c.size * self.best.x / min(self.best.level, LINEAR))
         return math.inf if size > max(abs(c.low), abs(c.high)) else size
 
 
-def look(
-    case: Case, bundles: Sequence[Bundle], shows: float, tasks: Jobs,
+def visible_sizes(
+    case: Case, batches: Sequence[Batch], threshold: float, tasks: Jobs,
     report: Callable[[float], None],
 ) -> tuple[list[Visible], float]:  # fmt: skip
     """Find the smallest visible size of every strength of every hypothesis.
 
     Args:
         case: Model and recordings.
-        bundles: Hypotheses that can be simulated together.
-        shows: Rms in one channel above which an effect is visible [floors].
+        batches: Hypotheses that can be simulated together.
+        threshold: Rms in one channel above which an effect is visible [floors].
         tasks: Pool of processes that run `fitting.search.call` with the case.
         report: Called with the share of the bundles that were simulated.
 
@@ -186,52 +186,52 @@ def look(
         A result for each strength, and the processor time of all simulations [s].
     """
     base, trials, seconds = case.vector((), coarse=True), [], 0.0
-    jobs = [(_timed, (group, shows, base)) for group in bundles]
-    for i, (result, taken) in enumerate(tasks.ordered(jobs), start=1):
-        trials, seconds = trials + result, seconds + taken
+    jobs = [(_timed, (group, threshold, base)) for group in batches]
+    for i, (result, duration) in enumerate(tasks.ordered(jobs), start=1):
+        trials, seconds = trials + result, seconds + duration
         report(i / len(jobs))
-    return _told(case, trials), seconds
+    return _summarise(case, trials), seconds
 
 
 def _timed(
-    case: Case, bundle: Bundle, shows: float, base: np.ndarray
+    case: Case, batch: Batch, threshold: float, base: np.ndarray
 ) -> tuple[list[_Trial], float]:
     """Result of `try_bundle`, and its processor time [s]."""
     began = time.process_time()
-    return try_bundle(case, bundle, shows, base), time.process_time() - began
+    return try_bundle(case, batch, threshold, base), time.process_time() - began
 
 
-def try_bundle(case: Case, bundle: Bundle, shows: float, base: np.ndarray) -> list[_Trial]:
+def try_bundle(case: Case, batch: Batch, threshold: float, base: np.ndarray) -> list[_Trial]:
     """Responses of the recordings to each strength of some hypotheses.
 
     A hypothesis with which the robot cannot be built reports the reason. `base` is the prediction
     of the model as it is [floors], (N,).
     """
     channel_of, result = case.channel_of(), []
-    for strength in bundle.hypotheses[0].strengths:
+    for strength in batch.hypotheses[0].strengths:
         trials = [
             _Trial(h, strength, mask, h.starts()[0][strength])
-            for h, mask in zip(bundle.hypotheses, bundle.channels, strict=True)
+            for h, mask in zip(batch.hypotheses, batch.channels, strict=True)
         ]
         for _ in range(TRIES):
             try:
                 moved = case.vector([t.spec() for t in trials], coarse=True)
             except LocoError as error:
                 if len(trials) > 1:  # simulate them one by one to find the invalid one
-                    pairs = zip(bundle.hypotheses, bundle.channels, strict=True)
-                    alone = [Bundle((h,), (m,)) for h, m in pairs]
-                    return [t for one in alone for t in try_bundle(case, one, shows, base)]
+                    pairs = zip(batch.hypotheses, batch.channels, strict=True)
+                    singles = [Batch((h,), (m,)) for h, m in pairs]
+                    return [t for one in singles for t in try_bundle(case, one, threshold, base)]
                 trials[0].failed = str(error)
                 break
             for trial in trials:
-                trial.take(moved - base, channel_of, shows)
+                trial.take(moved - base, channel_of, threshold)
             if all(trial.done for trial in trials):
                 break
         result += trials
     return result
 
 
-def _told(case: Case, trials: Sequence[_Trial]) -> list[Visible]:
+def _summarise(case: Case, trials: Sequence[_Trial]) -> list[Visible]:
     """Results of the trials, with other effects of similar responses."""
     effects, rows = np.array([t.hypothesis.effect for t in trials]), []
     for trial, same in zip(trials, _same(trials), strict=True):

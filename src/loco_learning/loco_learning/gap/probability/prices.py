@@ -12,7 +12,7 @@ from ..fitting.fit import Fitted
 from ..hypotheses.hypotheses import Hypothesis
 
 COMPARABLE = ("-", "s", "rad")  # units in which a size is comparable between robots
-TRIFLE = 0.1, 0.02  # negligible share of a prior's low end, and of a two-sided one's high end
+NEGLIGIBLE = 0.1, 0.02  # negligible share of a prior's low end, and of a two-sided one's high end
 MOST_PRICE = 100.0  # largest penalty of all parameters together, as odds
 
 
@@ -28,7 +28,7 @@ def occam(a: Fitted, b: Fitted) -> float:
     return sum(min(max(nat, -limit), limit) for nat in both)
 
 
-def trifle(hypothesis: Hypothesis, x: Sequence[float], sliding: Collection[str] = ()) -> bool:
+def is_tiny(hypothesis: Hypothesis, x: Sequence[float], sliding: Collection[str] = ()) -> bool:
     """True if all strengths are far below those of any robot with the effect.
 
     False in units that are not comparable: a friction in N·m is large on one robot and
@@ -47,13 +47,13 @@ def trifle(hypothesis: Hypothesis, x: Sequence[float], sliding: Collection[str] 
         prior = priors.get(c.name)
         if prior is None or c.unit not in COMPARABLE or (lengths and c.unit == "rad"):
             return False
-        threshold = TRIFLE[0] * prior.low if prior.low > 0.0 else TRIFLE[1] * prior.high
+        threshold = NEGLIGIBLE[0] * prior.low if prior.low > 0.0 else NEGLIGIBLE[1] * prior.high
         if abs(c.value(at)) > threshold:
             return False
     return True
 
 
-def on_edge(hypothesis: Hypothesis, x: Sequence[float], edge: float) -> bool:
+def on_edge(hypothesis: Hypothesis, x: Sequence[float], margin: float) -> bool:
     """True if a shape of a law is on the bound of its range, where it becomes another law.
 
     A spring in series with a damper of zero relaxation time is a damper; friction that decays above
@@ -62,13 +62,13 @@ def on_edge(hypothesis: Hypothesis, x: Sequence[float], edge: float) -> bool:
     Args:
         hypothesis: The law.
         x: Coordinates of the law.
-        edge: Distance from a bound, relative to the value, that counts as on it.
+        margin: Distance from a bound, relative to the value, that counts as on it.
     """
     pairs = zip(hypothesis.coordinates, x, strict=True)
-    return any(on_bound(c.value(at), (c.low, c.high), edge) for c, at in pairs if not c.strength)
+    return any(on_bound(c.value(at), (c.low, c.high), margin) for c, at in pairs if not c.strength)
 
 
-def on_bound(value: float, bounds: Iterable[float], edge: float) -> bool:
-    """True if a value is within `edge` of a finite bound, relative to the larger of both."""
+def on_bound(value: float, bounds: Iterable[float], margin: float) -> bool:
+    """True if a value is within `margin` of a finite bound, relative to the larger of both."""
     finite = filter(math.isfinite, bounds)
-    return any(abs(value - b) <= edge * max(abs(value), abs(b)) for b in finite)
+    return any(abs(value - b) <= margin * max(abs(value), abs(b)) for b in finite)

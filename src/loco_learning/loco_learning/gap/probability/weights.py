@@ -22,7 +22,7 @@ from ..hypotheses.hypotheses import Hypothesis
 from ..statistics import evidence
 from .prices import occam, on_edge
 
-NOTHING = "nothing"
+NO_EFFECT = "nothing"
 WEIGHTS = 8  # key of a random stream
 ROUNDING = 1e-9  # of a sum of probabilities
 
@@ -96,7 +96,7 @@ class Weights:
         members = None if place is None else set(place.split())
 
         def holds(h: Hypothesis) -> float:
-            acts = members is None or members <= {*places(h), h.place}
+            acts = members is None or members <= {*locations(h), h.place}
             return share(h, name) if acts else 0.0
 
         return self.probability(holds)
@@ -107,7 +107,7 @@ class Weights:
 
     def place(self, place: str) -> float:
         """Probability of an effect at a joint, link or foot."""
-        return self.probability(lambda h: float(place in {*places(h), h.place}))
+        return self.probability(lambda h: float(place in {*locations(h), h.place}))
 
     def places_of(self, name: str) -> dict[str, float]:
         """Probability of an effect by place as in `Hypothesis.place`, the largest first.
@@ -129,7 +129,7 @@ class Weights:
             index: Index of the effect.
 
         Returns:
-            Probability by name, the largest first; `NOTHING` for models without the effect that
+            Probability by name, the largest first; `NO_EFFECT` for models without the effect that
             have no other one which the given model lacks.
         """
         target, present = model.parts[index][0], set(model.names)
@@ -138,7 +138,7 @@ class Weights:
             if target.effect in candidate.names:
                 names = (target.effect, *EFFECTS[target.effect].identity.twins)
             else:
-                names = tuple(n for n in candidate.names if n not in present) or (NOTHING,)
+                names = tuple(n for n in candidate.names if n not in present) or (NO_EFFECT,)
             for name in names:
                 result[name] = result.get(name, 0.0) + value / len(names)
         return dict(sorted(result.items(), key=lambda pair: (-pair[1], pair[0])))
@@ -154,7 +154,7 @@ class Weights:
             empty = [
                 i
                 for i in range(len(model.parts))
-                if NOTHING in smallest(self.alternatives(model, i), confidence)
+                if NO_EFFECT in smallest(self.alternatives(model, i), confidence)
             ]
             keys = [h.key for i, (h, _) in enumerate(model.parts) if i not in empty]
             smaller = by_key.get(" + ".join(sorted(keys)))
@@ -224,6 +224,6 @@ def share(h: Hypothesis, name: str) -> float:
     return names.count(name) / len(names)
 
 
-def places(h: Hypothesis) -> tuple[str, ...]:
+def locations(h: Hypothesis) -> tuple[str, ...]:
     """Joints of a law in several joints, or the place of an effect."""
     return h.joints or (h.place,)

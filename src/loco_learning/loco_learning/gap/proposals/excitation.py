@@ -91,11 +91,11 @@ def _motion(make: Maker) -> Maker:
     return make
 
 
-def _sweep(j: Joints, size: float, first: float, most: float, length: float) -> dict[str, Any]:
+def _sweep(j: Joints, size: float, first: float, upper: float, length: float) -> dict[str, Any]:
     """Chirp whose highest frequency respects the velocity limit of the joints."""
     amplitude = size * j.room
     limit = float(np.min(j.speed / (2.0 * math.pi * np.maximum(amplitude, 1e-9))))
-    last = max(first, min(most, limit))
+    last = max(first, min(upper, limit))
     return _target(
         j, kind="chirp", amplitude=amplitude, frequency=first, end_frequency=last, sweep=length
     )
@@ -112,9 +112,9 @@ def _rounded(value: Any) -> Any:
     return round(value, 5) if isinstance(value, float) else value
 
 
-def _rise(j: Joints, travel: np.ndarray, least: float) -> float:
+def _rise(j: Joints, travel: np.ndarray, min_time: float) -> float:
     """Duration of a step within the velocity limit [s]; the peak is 1.5 times the mean velocity."""
-    return max(least, float(np.max(1.5 * travel / j.speed)))
+    return max(min_time, float(np.max(1.5 * travel / j.speed)))
 
 
 @_motion

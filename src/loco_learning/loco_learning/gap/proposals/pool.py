@@ -34,7 +34,7 @@ def pool(model: Model, notes: list[str] | None = None) -> list[Experiment]:
     return library(model, notes)
 
 
-def alike(
+def usable(
     model: Model, experiments: Sequence[Experiment], robots: Sequence[Robot]
 ) -> list[Experiment]:
     """Experiments with the base fixed or free as in some recording; all if there is none.
@@ -52,21 +52,21 @@ def alike(
     return matches or list(experiments)
 
 
-def same_motion(experiment: Record, given: Record) -> bool:
+def same_motion(experiment: Record, record: Record) -> bool:
     """True if a recording contains the commanded motion of an experiment, at any time.
 
     If the two have no kind of command in common, as with inverse dynamics, measured positions are
     compared.
     """
-    modes = [kind for kind in experiment.command if kind in given.command]
+    modes = [kind for kind in experiment.command if kind in record.command]
     if modes:
-        sides = [(r.t, r.command[modes[0]], r.driven) for r in (experiment, given)]
+        sides = [(r.t, r.command[modes[0]], r.driven) for r in (experiment, record)]
     else:
-        sides = [(r.t, bridged(r.signals["q"]), r.joints) for r in (experiment, given)]
+        sides = [(r.t, bridged(r.signals["q"]), r.joints) for r in (experiment, record)]
     if set(sides[0][2]) != set(sides[1][2]):
         return False
     order = [sides[1][2].index(name) for name in sides[0][2]]
-    dt = max(experiment.dt, given.dt)
+    dt = max(experiment.dt, record.dt)
     a = _even(*sides[0][:2], dt)
     b = _even(sides[1][0], sides[1][1][:, order], dt)
     short, long = sorted((a, b), key=len)
@@ -124,9 +124,9 @@ def records(
     result = []
     for experiment in experiments:
         try:
-            made = _with(model, experiment)
-            log = _bolted(made) if ideal else None
-            result.append(record_of(log or rollout(made), experiment.name))
+            variant = _with(model, experiment)
+            log = _bolted(variant) if ideal else None
+            result.append(record_of(log or rollout(variant), experiment.name))
         except LocoError as error:
             if notes is None:
                 raise
@@ -155,13 +155,13 @@ def _bolted(experiment: Experiment) -> Log | None:
     if experiment.gait or experiment.learner.enabled or needs_engine(robot, effects):
         return None
     target, t = experiment.make_target(), np.arange(experiment.ticks) * experiment.dt
-    told, speed = (np.array(rows) for rows in zip(*map(target.step, t), strict=True))
+    targets, speed = (np.array(rows) for rows in zip(*map(target.step, t), strict=True))
     plant = Bolted(robot, effects, experiment.seed, experiment.dt)
     with np.errstate(over="ignore", invalid="ignore"):
-        found = plant.run(*JointCommands(robot).sequence(told, speed)[:3])
+        readings = plant.run(*JointCommands(robot).sequence(targets, speed)[:3])
     imu = {"gyro": np.zeros((len(t), 3)), "acceleration": np.tile(-plant.gravity, (len(t), 1))}
-    columns = {"t": t, "command": told, "command_dq": speed, **found._asdict(), **imu}
-    return Log(columns, experiment) if np.isfinite(found.q).all() else None
+    columns = {"t": t, "command": targets, "command_dq": speed, **readings._asdict(), **imu}
+    return Log(columns, experiment) if np.isfinite(readings.q).all() else None
 
 
 def record_of(log: Log, name: str = "") -> Record:
@@ -180,7 +180,7 @@ def record_of(log: Log, name: str = "") -> Record:
     )  # fmt: skip
 
 
-def beyond(log: Log) -> str:
+def limit_violation(log: Log) -> str:
     """The first limit of the robot that a simulation violates, in words; empty if there is none."""
     from loco_sim.robot.description import Description
 
@@ -212,7 +212,7 @@ def within_limits(experiment: Experiment) -> Experiment:
     reason = ""
     for _ in range(TRIES):
         try:
-            reason = beyond(rollout(experiment))
+            reason = limit_violation(rollout(experiment))
         except DivergedError as error:
             reason = str(error)
         if not reason:

@@ -42,7 +42,7 @@ def rank(
     probabilities: Sequence[float] | None = None,
     sensitivities: Mapping[str, Sequence[np.ndarray]] | None = None,
     tau: float = 1.0,
-    worth: float = 1.0,
+    expected_share: float = 1.0,
 ) -> list[Proposal]:
     """Experiments ordered by their expected value, the best first.
 
@@ -54,7 +54,7 @@ def rank(
         sensitivities: Per experiment and hypothesis (T, C, P): change of the prediction for one
             standard error of each parameter.
         tau: Correlation time of the expected residual [samples].
-        worth: Share of the expected evidence that the recordings gave so far.
+        expected_share: Share of the expected evidence that the recordings gave so far.
     """
     p = np.ones(len(names)) if probabilities is None else np.asarray(probabilities, dtype=float)
     p = p / p.sum()
@@ -62,7 +62,7 @@ def rank(
     proposals = []
     for experiment, values in predictions.items():
         columns = sensitivities[experiment] if sensitivities else [None] * len(names)
-        power = _powers([v / floor for v in values], columns, floor, prior, tau / worth)
+        power = _powers([v / floor for v in values], columns, floor, prior, tau / expected_share)
         lowest = power.min(1)
         order = np.argsort(-p, kind="stable")
         rival = int(power[order[0]].argmin())

@@ -20,7 +20,7 @@ from . import checks, lags, observe, suspect
 from .clocks import cuts, series, slow, steady, ticks
 from .clocks.params import CUTS
 from .record import COMMANDS, FIT, INPUTS, JOINT_SIGNALS, WIDTHS, Doubt, Record
-from .tracks import AXES, Track, followed, mended
+from .tracks import AXES, Track, correct, followed
 
 ROUND = 2e-3  # a rate this close to that of the robot, or to a multiple of 10, is set to it
 FINE_STEP = 2e-4  # [s] simulations with longer steps get a note on their error
@@ -42,7 +42,7 @@ def records(name: str, tracks: Sequence[Track], robot: Robot, **about: Any) -> l
     Raises:
         ParameterError: The data contradict their description.
     """
-    tracks = mended(tracks, about.pop("mend", ()))
+    tracks = correct(tracks, about.pop("mend", ()))
     couplings: list[str] = []
     tracks = followed(tracks, robot, couplings)
     parts, notes = cuts.parts(name, tracks, checks.MIN_SAMPLES)
@@ -101,15 +101,15 @@ def record(
     checks.moving(name, tracks)
     start, end = _overlap(name, tracks)
     messages += _unused(tracks, start, end)
-    own = rate or _rate(tracks, robot)
-    sparse = [] if rate else slow.undersampled(tracks, own, robot)
-    rate = slow.multiple(own, robot) if sparse else own
+    own_rate = rate or _rate(tracks, robot)
+    sparse = [] if rate else slow.undersampled(tracks, own_rate, robot)
+    rate = slow.multiple(own_rate, robot) if sparse else own_rate
     axis = ticks.axis(tracks, start, end, rate)
     checks.long_enough(name, axis)
     data = _fill(name, tracks, robot, axis)
     if sparse:
         data |= slow.commands(sparse, axis, robot, data)
-        messages.append(slow.note(sparse, own, robot))
+        messages.append(slow.note(sparse, own_rate, robot))
     data |= {"role": role, "overrides": dict(overrides or {}), "resolution": observe.steps(tracks),
              "stamps": observe.stamps(tracks), "simulated": simulated,
              "trusted": trust_units}  # fmt: skip
@@ -123,7 +123,7 @@ def record(
     return Record(name, result.t, **data)
 
 
-def _ordered(name: str, track: Track, told: list[str]) -> Track:
+def _ordered(name: str, track: Track, notes: list[str]) -> Track:
     """The track with increasing time stamps, without duplicates."""
     if np.all(np.diff(track.t) > 0.0):
         return track
@@ -136,14 +136,14 @@ def _ordered(name: str, track: Track, told: list[str]) -> Track:
     t, first, inverse = np.unique(track.t, return_index=True, return_inverse=True)
     duplicates = len(track.t) - len(t)
     if duplicates and np.array_equal(track.x[first][inverse], track.x):
-        _tell(told, f"{duplicates} samples repeat another, with its stamp: they were left out")
+        _add_note(notes, f"{duplicates} samples repeat another, with its stamp: they were left out")
     elif duplicates:
-        _tell(told, Doubt(f"{duplicates} samples with the stamp of another were left out"))
+        _add_note(notes, Doubt(f"{duplicates} samples with the stamp of another were left out"))
     if np.any(np.diff(track.t) < 0.0):
         late = int(np.sum(np.diff(track.t) < 0.0))
         row = int(np.argmin(np.diff(track.t)))
-        _tell(
-            told,
+        _add_note(
+            notes,
             Doubt(
                 f"samples were not in the order of their stamps and were sorted: {late} times, the "
                 f"furthest back by {track.t[row] - track.t[row + 1]:.6g} s at row {row + 1}"
@@ -165,9 +165,9 @@ def _one_sheet(tracks: list[Track]) -> list[Track]:
     return tracks
 
 
-def _tell(told: list[str], note: str) -> None:
-    if note not in told:
-        told.append(note)
+def _add_note(notes: list[str], note: str) -> None:
+    if note not in notes:
+        notes.append(note)
 
 
 def _needed(track: Track) -> bool:
@@ -265,12 +265,10 @@ def _fill(
     return data | {"signals": signals, "guessed": lossy}
 
 
-def _columns(
-    by: dict, role: str, places: Sequence[str], axis: np.ndarray, how: Any, without: float
-):
+def _columns(by: dict, role: str, names: Sequence[str], axis: np.ndarray, how: Any, without: float):
     """Tracks of a role as columns, (T, places)."""
-    columns = np.full((len(axis), len(places)), without)
-    for i, place in enumerate(places):
+    columns = np.full((len(axis), len(names)), without)
+    for i, place in enumerate(names):
         if (role, place) in by:
             columns[:, i] = how(by[role, place], axis)
     return columns

@@ -59,9 +59,9 @@ def _no_strangers(name: str, tracks: Sequence[Track], robot: Robot) -> None:
             )
 
 
-def _commanded(name: str, joint: str, seen: set[tuple[str, str]], robot: Robot) -> None:
+def _commanded(name: str, joint: str, present: set[tuple[str, str]], robot: Robot) -> None:
     """Check that the joint has the command that its drive needs."""
-    roles = [role for role in REQUIRED[1:] if (role, joint) in seen]
+    roles = [role for role in REQUIRED[1:] if (role, joint) in present]
     needed = getattr(robot.drives.get(joint), "command", "position")
     if f"command_{needed}" not in roles:
         hint = f"; if nothing moved it, add to robot.yaml: locked: {{{joint}: 0}}"
@@ -73,7 +73,7 @@ def _commanded(name: str, joint: str, seen: set[tuple[str, str]], robot: Robot) 
         )
 
 
-def measured(name: str, tracks: Sequence[Track], told: list[str]) -> list[Track]:
+def measured(name: str, tracks: Sequence[Track], notes: list[str]) -> list[Track]:
     """Tracks that have values; a track of NaN only counts as not measured and is left out.
 
     Raises:
@@ -85,12 +85,12 @@ def measured(name: str, tracks: Sequence[Track], told: list[str]) -> list[Track]
         if len(track.x) and not nan.any():
             retained.append(track)
             if track.empty:
-                told.append(
+                notes.append(
                     f"{track.label}: {len(track.x)} readings, each on its own stamp; "
                     f"{track.empty} empty cells are none"
                 )
         elif nan.all() and track.role not in REQUIRED:
-            told.append(f"{track.label} has no values and counts as not measured")
+            notes.append(f"{track.label} has no values and counts as not measured")
         elif nan.all():
             what = "only NaN" if len(nan) else "no samples in the rows and times asked for"
             raise ParameterError(f"{name}: {track.label} has {what} ({track.source})")

@@ -87,10 +87,10 @@ class _Tensors:
             self._follow(code.name, argument)
         raise ValueError("it does not end")
 
-    def _follow(self, command: str, given: Any) -> None:
+    def _follow(self, command: str, argument: Any) -> None:
         stack = self._stack
         if command in _VALUES:
-            stack.append(_CONSTANTS.get(command, given))
+            stack.append(_CONSTANTS.get(command, argument))
         elif command in _TUPLES:
             stack.append(tuple(self._last(_TUPLES[command])))
         elif command == "TUPLE":
@@ -100,9 +100,9 @@ class _Tensors:
         elif command == "MARK":
             self._marks.append(len(stack))
         elif command in ("BINPUT", "LONG_BINPUT", "MEMOIZE"):
-            self._memo[len(self._memo) if given is None else given] = stack[-1]
+            self._memo[len(self._memo) if argument is None else argument] = stack[-1]
         elif command in ("BINGET", "LONG_BINGET"):
-            stack.append(self._memo[given])
+            stack.append(self._memo[argument])
         elif command in ("APPEND", "APPENDS"):
             items = self._last(1) if command == "APPEND" else self._marked()
             stack[-1].extend(items)
@@ -112,13 +112,13 @@ class _Tensors:
                 raise ValueError("a key is no text")
             stack[-1].update(zip(items[::2], items[1::2], strict=True))
         elif command not in ("PROTO", "FRAME"):
-            self._call(command, given)
+            self._call(command, argument)
 
-    def _call(self, command: str, given: Any) -> None:
+    def _call(self, command: str, argument: Any) -> None:
         """Interpret a command that names, or calls, a Python object."""
         stack = self._stack
         if command == "GLOBAL":
-            stack.append(_Name(given))
+            stack.append(_Name(argument))
         elif command == "STACK_GLOBAL":
             stack.append(_Name(" ".join(map(str, self._last(2)))))
         elif command == "BINPERSID":
@@ -185,10 +185,10 @@ def torch_columns(path: Path) -> dict[str, np.ndarray]:
         raise ParameterError(
             f"{path.name} is no file of tensors that torch.save wrote: {reason}"
         ) from None
-    return spread(path, columns)
+    return expand(path, columns)
 
 
-def spread(path: Path, columns: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+def expand(path: Path, columns: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
     """One column per number of a row, (T,): ``name``, or ``name[0]``, ``name[1]``, ...
 
     Raises:
@@ -223,13 +223,13 @@ def parquet_columns(path: Path) -> dict[str, np.ndarray]:
         raise MissingPackageError(
             f"{path.name} needs pyarrow, which comes with `./loco install lerobot`"
         ) from None
-    columns = _asked(data)
+    columns = _read_isolated(data)
     if isinstance(columns, str):
         raise ParameterError(f"{path.name} is not a parquet file of numbers: {columns}")
-    return _named(path, spread(path, columns))
+    return _named(path, expand(path, columns))
 
 
-def _asked(data: bytes) -> dict[str, np.ndarray] | str:
+def _read_isolated(data: bytes) -> dict[str, np.ndarray] | str:
     """Columns of a parquet file, read in another process, or an error message."""
     pipe = _reader()
     try:
@@ -257,10 +257,10 @@ def _read_files(pipe: Connection) -> None:
             pipe.send(_read_parquet(data))
 
 
-def _limit(what: int, most: float) -> None:
+def _limit(what: int, maximum: float) -> None:
     """Lower a resource limit of this process; existing lower limits stay."""
     _, hard = resource.getrlimit(what)
-    limit = int(most) + 1
+    limit = int(maximum) + 1
     resource.setrlimit(what, (limit if hard == -1 else min(limit, hard), hard))
 
 
@@ -318,7 +318,7 @@ def _named(path: Path, columns: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
     if info is None:
         return columns
     features = _features(info)
-    named = {feature: _flat(entry.get("names")) for feature, entry in features.items()}
+    named = {feature: _flatten(entry.get("names")) for feature, entry in features.items()}
     labels = {
         f"{feature}[{i}]": f"{feature}[{name}]"
         for feature, names in named.items()
@@ -334,7 +334,7 @@ def _features(info: Path) -> dict[str, dict[str, Any]]:
     return {str(feature): dict(entry) for feature, entry in features.items()}
 
 
-def _flat(names: Any) -> list[str]:
+def _flatten(names: Any) -> list[str]:
     """Names of the numbers of a feature: a list, or a mapping of lists such as ``motors``."""
     if isinstance(names, dict):
         names = [name for group in names.values() for name in _as_list(group)]

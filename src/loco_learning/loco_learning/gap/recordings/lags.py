@@ -35,13 +35,13 @@ def notes(record: Record) -> list[str]:
             for i, joint in enumerate(record.driven)
             if joint in record.joints
         ]
-        messages += _tell("motion is behind the command by about", pairs, record.dt, clock=True)
+        messages += _messages("motion is behind the command by about", pairs, record.dt, clock=True)
     if "dq" in record.signals:
         pairs = [
             (rates(record.signals["q"][:, i], record.dt), record.signals["dq"][:, i])
             for i in range(len(record.joints))
         ]
-        messages += _tell("measured velocity is behind that of the angle by", pairs, record.dt)
+        messages += _messages("measured velocity is behind that of the angle by", pairs, record.dt)
     torque = record.command.get("torque")
     if torque is not None and "tau" in record.signals:
         pairs = [
@@ -49,7 +49,7 @@ def notes(record: Record) -> list[str]:
             for i, joint in enumerate(record.driven)
             if joint in record.joints
         ]
-        messages += _tell("measured torque is behind its command by", pairs, record.dt)
+        messages += _messages("measured torque is behind its command by", pairs, record.dt)
     return messages
 
 
@@ -171,7 +171,7 @@ def _correlation(a: np.ndarray, b: np.ndarray, reach: int) -> np.ndarray:
     return np.where(np.logical_and(*whole), score, -np.inf)
 
 
-def _tell(what: str, pairs: list, dt: float, clock: bool = False) -> list[str]:
+def _messages(what: str, pairs: list, dt: float, clock: bool = False) -> list[str]:
     sharp = SHARP if clock else SHARPER
     estimates = [lag(first, second, dt, sharp) for first, second in pairs]
     reliable = 1e3 * np.array([time for time, corr in estimates if corr > LAG_IS_TOLD])

@@ -51,14 +51,14 @@ ROLES: dict[str, tuple[tuple[str, ...], str]] = {
     "enable": (("ratio",), ""),
     UNUSED: ((), ""),
 }
-PLACES = ("joint", "axis", "foot")
+WHERE = ("joint", "axis", "foot")
 SOURCES = ("column", "file", "topic", "time")
 BETWEEN = ("hold", "line")
 CLOCKS = ("stamp", "log", "receive")  # log and receive are synonyms: time of reception
 # [s] at rest, simulated in full, and of the physics of a recorded simulation; highest rate [Hz]
 # (all taste).
 LONGEST_REST, LONGEST_STEP, HIGHEST = 60.0, 0.1, 1e9
-_COLUMN = (*SOURCES, "role", *PLACES, "unit", "sign", "scale", "offset", "wrap", "between", "clock",
+_COLUMN = (*SOURCES, "role", *WHERE, "unit", "sign", "scale", "offset", "wrap", "between", "clock",
            "missing")  # fmt: skip
 _RECORD = ("name", "file", "where", "rows", "from", "to", "rest", "role", "overrides")
 _KEYS = (
@@ -326,7 +326,7 @@ def _column(value: Any, index: int) -> Column:
 
 def _mend(value: Any, index: int) -> Mend:
     where = f"mend[{index}]"
-    value = _keys(value, ("role", *PLACES, "is", "sign", "scale", "unit", "offset", "wrap"), where)
+    value = _keys(value, ("role", *WHERE, "is", "sign", "scale", "unit", "offset", "wrap"), where)
     role = str(value.get("role"))
     if role not in ROLES:
         raise NameUnknownError(f"role in {where}", role, ROLES)
@@ -442,8 +442,8 @@ def _yes(values: dict[str, Any], key: str) -> bool:
     return value
 
 
-def _positive(value: Any, what: str, most: float = HIGHEST) -> float:
+def _positive(value: Any, what: str, maximum: float = HIGHEST) -> float:
     result = units.number(value, what)
-    if not 0.0 <= result <= most:
-        raise ParameterError(f"{what} must be 0 to {most:g}, got {value!r}")
+    if not 0.0 <= result <= maximum:
+        raise ParameterError(f"{what} must be 0 to {maximum:g}, got {value!r}")
     return result

@@ -12,7 +12,7 @@ from loco_sim.robot.description import Description
 from loco_sim.robot.robot import Robot
 
 from .record import Doubt
-from .tracks import GIVEN, Track
+from .tracks import INPUTS, Track
 
 TURN = 2.0 * np.pi
 STUCK = 5  # consecutive samples at the largest value that are not by chance
@@ -22,7 +22,7 @@ DEVIATION = 1.4826  # standard deviation of a normal law over its median absolut
 LEVELS = 20  # a signal of fewer different values is a switch, not a clipped one
 
 
-def unwrapped(track: Track, robot: Robot, told: list[str]) -> Track:
+def unwrapped(track: Track, robot: Robot, notes: list[str]) -> Track:
     """An angle without jumps of a whole turn between neighbours; other signals unchanged."""
     if track.role not in ("q", "command_position") or len(track.x) < 2:
         return track
@@ -35,7 +35,7 @@ def unwrapped(track: Track, robot: Robot, told: list[str]) -> Track:
     if track.role == "command_position" and np.ptp(track.x) > 1.05 * TURN:
         return track  # a command may really step by a turn
     turns = f"{int(jump.sum())} jumps of a turn were undone"
-    told.append(Doubt(f"{track.label} was wrapped: {turns}"))
+    notes.append(Doubt(f"{track.label} was wrapped: {turns}"))
     return replace(track, x=np.unwrap(track.x))
 
 
@@ -92,7 +92,7 @@ def steps(tracks: Sequence[Track]) -> dict[tuple[str, str], float]:
     measured = [
         track
         for track in tracks
-        if not track.role.startswith("command_") and track.role not in GIVEN
+        if not track.role.startswith("command_") and track.role not in INPUTS
     ]
     sizes = {(track.role, track.place): _step(track) for track in measured}
     return {of: step for of, step in sizes.items() if step is not None}
@@ -163,7 +163,7 @@ def _step(track: Track) -> float | None:
 
 def _saturated(track: Track) -> list[str]:
     """Notes on a measured signal that saturates at its largest or smallest value."""
-    if track.role.startswith("command_") or track.role in ("q", *GIVEN):
+    if track.role.startswith("command_") or track.role in ("q", *INPUTS):
         return []
     if len(np.unique(track.x)) < LEVELS:
         return []

@@ -90,11 +90,11 @@ class Record:
     def __post_init__(self) -> None:
         _check_axis(self.name, self.t)
         count = len(self.t)
-        _known(self.name, "command", self.command, COMMANDS)
-        _known(self.name, "signal", self.signals, (*JOINT_SIGNALS, *WIDTHS, FEET_SIGNAL))
-        _known(self.name, "input", self.inputs, INPUTS)
-        _known(self.name, "role", (self.role,), (FIT, HELD_OUT))
-        _known(self.name, "ramp", self.ramps, tuple(self.command))
+        _check_names(self.name, "command", self.command, COMMANDS)
+        _check_names(self.name, "signal", self.signals, (*JOINT_SIGNALS, *WIDTHS, FEET_SIGNAL))
+        _check_names(self.name, "input", self.inputs, INPUTS)
+        _check_names(self.name, "role", (self.role,), (FIT, HELD_OUT))
+        _check_names(self.name, "ramp", self.ramps, tuple(self.command))
         for kind, values in self.command.items():
             _shape(self.name, f"command {kind}", values, (count, len(self.driven)))
         for signal, values in self.signals.items():
@@ -246,15 +246,15 @@ def _check_axis(name: str, t: np.ndarray) -> None:
         raise ParameterError(f"{name}: the times of a record start at 0 and are even")
 
 
-def _known(name: str, what: str, found: Mapping | tuple, legal: Sequence[str]) -> None:
-    for key in found:
+def _check_names(name: str, what: str, names: Mapping | tuple, legal: Sequence[str]) -> None:
+    for key in names:
         if key not in legal:
             raise NameUnknownError(f"{what} of a record ({name})", key, legal)
 
 
-def _shape(name: str, what: str, values: np.ndarray, wanted: tuple[int, ...]) -> None:
-    if np.shape(values) != wanted:
-        raise ParameterError(f"{name}: {what} has the shape {np.shape(values)}, wanted {wanted}")
+def _shape(name: str, what: str, values: np.ndarray, expected: tuple[int, ...]) -> None:
+    if np.shape(values) != expected:
+        raise ParameterError(f"{name}: {what} has the shape {np.shape(values)}, wanted {expected}")
 
 
 def spacing(rows: np.ndarray) -> int:

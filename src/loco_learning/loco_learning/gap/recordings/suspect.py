@@ -27,7 +27,7 @@ from .units import TURN, factor
 
 DEGREE = 180.0 / np.pi
 SLOWEST, FASTEST = 4.0, 2e4  # range of plausible sampling rates [Hz]
-FLAT = 0.75  # share of steps of 0 above which a time lost its digits; three publishers have 2/3
+REPEATED = 0.75  # share of steps of 0 above which a time lost its digits; three publishers have 2/3
 RATIO_NEAR = 0.12  # largest distance of a ratio to a known one [log]
 ENCODER_NEAR = 0.05  # the same, for counts of an encoder, a power of two a turn
 BOTH_WAYS = 0.1  # share of samples of either sign above which a signal changes sign
@@ -70,7 +70,7 @@ def times(name: str, tracks: list[Track]) -> None:
         steps = np.diff(track.t)
         step = float(np.median(np.abs(steps)))
         news = (steps != 0.0) | (np.diff(track.x) != 0.0)  # a row may be logged several times
-        if news.any() and np.mean(steps[news] == 0.0) > FLAT:
+        if news.any() and np.mean(steps[news] == 0.0) > REPEATED:
             raise ParameterError(
                 f"{name}: the time of {track.label} does not rise in most rows (of {len(track.t)} "
                 f"stamps {len(np.unique(track.t))} differ): was it written with too few digits?"
@@ -121,7 +121,7 @@ def _of(record: Record, signal: str, joint: str) -> np.ndarray | None:
     return record.signals[signal][:, record.joints.index(joint)]
 
 
-def _of_angles(record: Record, joint: str, says: str, key: str, value: Any) -> Finding:
+def _of_angles(record: Record, joint: str, note: str, key: str, value: Any) -> Finding:
     """Finding that positions have a wrong unit, with all that has it as well.
 
     Velocities have it if they are the derivative of the positions, and commands if they are as
@@ -136,7 +136,7 @@ def _of_angles(record: Record, joint: str, says: str, key: str, value: Any) -> F
             velocity = record.command.get("velocity", np.zeros(command.shape))[:, k]
             rate = rates(command[:, k], record.dt)
             roles += ["command_velocity"] * _same(*slope(rate, velocity))
-    return Finding("unit", (joint,), says, tuple(
+    return Finding("unit", (joint,), note, tuple(
         Change(MAPPING, key, unit_of(value, role) if key == UNIT else value, role, joint)
         for role in roles))  # fmt: skip
 
@@ -147,11 +147,11 @@ def _same(by: float, correlation: float) -> bool:
 
 
 def _of_unit(
-    says: str, joint: str = "", role: str = "", key: str = UNIT, value: Any = ""
+    note: str, joint: str = "", role: str = "", key: str = UNIT, value: Any = ""
 ) -> Finding:
     """Finding of a wrong unit, with the correcting line if one is known."""
     mends = (Change(MAPPING, key, value, role, joint),) if value else ()
-    return Finding("unit", (joint,) if joint else (), says, mends)
+    return Finding("unit", (joint,) if joint else (), note, mends)
 
 
 def slope(x: np.ndarray, y: np.ndarray) -> tuple[float, float]:
@@ -198,11 +198,11 @@ def _velocity(
     if abs(correlation) < 0.8:
         return
     by = abs(ratio)
-    if turning and _beyond(q, joint, description) and not _beyond(by * q, joint, description):
+    if turning and _outside(q, joint, description) and not _outside(by * q, joint, description):
         unit, key, value = _unit_of_angle(by)
-        says = f"dq of {joint} is {by:.3g} times the derivative of q, and q is outside the joint " \
+        note = f"dq of {joint} is {by:.3g} times the derivative of q, and q is outside the joint " \
                f"limits: probably q is in {unit}"  # fmt: skip
-        yield _of_angles(record, joint, says, key, value)
+        yield _of_angles(record, joint, note, key, value)
         return
     milli, rate = "mrad" if turning else "mm", (1.0 - RATIO_NEAR) / record.dt
     text = f"dq of {joint} is {by:.3g} times the derivative of q: probably"
@@ -253,13 +253,13 @@ def _command(record: Record, joint: str, description: Description) -> Iterator[F
     if min(std) == 0.0 or not 30.0 < max(std) / min(std) < 100.0:
         return
     large, values = ("command_position", command) if std[0] > std[1] else ("q", q)
-    if _beyond(values, joint, description):
+    if _outside(values, joint, description):
         yield _of_unit(f"{large} of {joint} spans {np.nanmax(values) - np.nanmin(values):.3g} rad, "
                        f"{max(std) / min(std):.0f} times the other: probably {large} is in "
                        "deg", joint, large, UNIT, "deg")  # fmt: skip
 
 
-def _beyond(values: np.ndarray, joint: str, description: Description) -> bool:
+def _outside(values: np.ndarray, joint: str, description: Description) -> bool:
     """True for angles far outside the joint limits, or of several turns if it has none."""
     low, high = description.limits(joint)
     if not np.isfinite(high - low):
@@ -274,10 +274,10 @@ def _limits(
     """Compare positions with the joint limits: in degrees or mm, or off by whole turns."""
     q = _of(record, "q", joint)
     low, high = description.limits(joint)
-    if q is None or not np.isfinite(high - low) or not _beyond(q, joint, description):
+    if q is None or not np.isfinite(high - low) or not _outside(q, joint, description):
         return
     count = round(float(np.nanmedian(q)) / TURN) if turning else 0
-    if count and not _beyond(q - TURN * count, joint, description):
+    if count and not _outside(q - TURN * count, joint, description):
         offset = Change(MAPPING, OFFSET, -TURN * count, "q", joint)
         text = f"q of {joint} is {count} turns beyond its limits of {low:.3g} and {high:.3g}"
         yield Finding("turns", (joint,), text, (offset,))
@@ -285,7 +285,7 @@ def _limits(
     unit, standard = ("deg", "rad") if turning else ("mm", "m")
     spans = f"q of {joint} goes from {np.nanmin(q):.3g} to {np.nanmax(q):.3g} {standard}, its limits " \
             f"are {low:.3g} and {high:.3g}"  # fmt: skip
-    if not _beyond(factor(unit) * q, joint, description):
+    if not _outside(factor(unit) * q, joint, description):
         yield _of_angles(record, joint, f"{spans}: probably q is in {unit}", UNIT, unit)
     elif turning:
         yield _of_unit(f"{spans}: a wrong unit or scale", joint)
@@ -305,8 +305,8 @@ def _torque(record: Record, robot: Robot) -> Iterator[Finding]:
         yield from large
         if tau is None or target is None or large:
             continue
-        causes = target, target + _spring(record, robot, joint)
-        ratio, correlation = max((slope(c, tau) for c in causes), key=lambda found: found[1])
+        terms = target, target + _spring(record, robot, joint)
+        ratio, correlation = max((slope(c, tau) for c in terms), key=lambda fit: fit[1])
         if correlation > 0.9 and not 1.0 / RATIO_FAR < ratio < RATIO_FAR:
             unit = power_of_ten(ratio)
             mend = (UNIT, unit) if unit else (SCALE, float(1.0 / ratio))
@@ -315,13 +315,13 @@ def _torque(record: Record, robot: Robot) -> Iterator[Finding]:
                            "not N·m", joint, "tau", *mend)  # fmt: skip
 
 
-def _motor(record: Record, robot: Robot, joint: str, told: np.ndarray) -> np.ndarray:
+def _motor(record: Record, robot: Robot, joint: str, commanded: np.ndarray) -> np.ndarray:
     """Torque of a motor that is told a torque, current or voltage, by its gains, (T,)."""
     drive, q = robot.drives.get(joint), _of(record, "q", joint)
     if not isinstance(drive, TorqueDrive):
-        return told
+        return commanded
     speed = rates(bridged(q), record.dt) if drive.slope else 0.0
-    return drive.motor_torque(told, speed)
+    return drive.motor_torque(commanded, speed)
 
 
 def _spring(record: Record, robot: Robot, joint: str) -> np.ndarray:
@@ -365,12 +365,12 @@ def _unsigned(record: Record) -> Iterator[Finding]:
 
 
 def _size(
-    what: str, joint: str, values: np.ndarray, limit: float, beyond: float = 1.0
+    what: str, joint: str, values: np.ndarray, limit: float, factor: float = 1.0
 ) -> Iterator[Finding]:
-    """Torques many times the joint limit; `beyond` is an extra factor for commands."""
+    """Torques many times the joint limit; `factor` is an extra factor for commands."""
     magnitudes = np.abs(values[np.isfinite(values)])
     usual = float(np.percentile(magnitudes, 99.0)) if len(magnitudes) else 0.0
-    if usual > 5.0 * beyond * limit:
+    if usual > 5.0 * factor * limit:
         milli = usual > 100.0 * limit
         unit = "mN·m" if milli else "A or in counts"
         text = f"{what} of {joint} reaches {usual:.4g} N·m, many times the limit of the joint: " \

@@ -18,7 +18,7 @@ from loco_control.reading import parse_csv, parse_json, read_text, understood
 from . import foreign
 from .record import Doubt
 
-KINDS = (".csv", ".txt", ".tsv", ".dat", ".json", ".jsonl", ".pt", ".parquet")
+SUFFIXES = (".csv", ".txt", ".tsv", ".dat", ".json", ".jsonl", ".pt", ".parquet")
 BINARY = {".pt": foreign.torch_columns, ".parquet": foreign.parquet_columns}
 EMPTY = ("", "none", "null", "nan", "na")
 HALF_DAY = 43200.0  # [s]; a time of day that falls by more has passed midnight
@@ -108,7 +108,7 @@ def episodes(table: Table) -> list[Table]:
 
 def is_table(path: Path) -> bool:
     """True if the extension of the file is that of a table."""
-    return _kind(path) in KINDS
+    return _kind(path) in SUFFIXES
 
 
 @understood("table of samples")
@@ -229,12 +229,12 @@ def _of_cells(
         clocks += [name] * is_time
         if text_cells is not None:
             marks[name] = text_cells
-    stamps = _joined(columns)
+    stamps = _combined_stamps(columns)
     clocks = [*stamps, *clocks]
     return Table(path, columns | stamps, header or {}, messages, marks, tuple(clocks), notes)
 
 
-def _joined(columns: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
+def _combined_stamps(columns: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
     """Times [s] from columns of seconds and of nanoseconds, by the words before both."""
     parts = {}
     for name in columns:
@@ -245,9 +245,9 @@ def _joined(columns: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
     for name in columns:
         match = _SECONDS.fullmatch(name)
         other = parts.get(match[1].lower()) if match else None
-        joined = (match[1] if match else "") or "sec + nanosec"
-        if other and joined not in columns:
-            stamps[joined] = columns[name] + 1e-9 * columns[other]
+        label = (match[1] if match else "") or "sec + nanosec"
+        if other and label not in columns:
+            stamps[label] = columns[name] + 1e-9 * columns[other]
     return stamps
 
 
@@ -395,8 +395,8 @@ def _from_json(path: Path, value: Any, samples: str) -> Table:
     if not isinstance(rows, list) or not rows or not all(isinstance(row, dict) for row in rows):
         raise ParameterError(f"{path.name} must hold a list of samples, each with named values")
     rows, notes = _of_runs(path, rows)
-    names = {name: None for row in rows for name in _flat(row)}
-    flattened = [_flat(row) for row in rows]
+    names = {name: None for row in rows for name in _flatten(row)}
+    flattened = [_flatten(row) for row in rows]
     lists = {name: [row.get(name) for row in flattened] for name in names}
     return _of_cells(path, _equal(path.name, lists), header, notes)
 
@@ -422,7 +422,7 @@ def _of_runs(path: Path, rows: list[dict[str, Any]]) -> tuple[list[dict], tuple[
     return samples, (Doubt(text),) if left else ()
 
 
-def _flat(row: dict[str, Any], prefix: str = "") -> dict[str, Any]:
+def _flatten(row: dict[str, Any], prefix: str = "") -> dict[str, Any]:
     """Nested values and lists under dotted names and indices: ``imu.gyro[2]``."""
     result: dict[str, Any] = {}
     for key, value in row.items():
@@ -431,7 +431,7 @@ def _flat(row: dict[str, Any], prefix: str = "") -> dict[str, Any]:
             inside = {f"[{i}]": v for i, v in enumerate(value)}
         name = f"{prefix}{key}" if key.startswith("[") or not prefix else f"{prefix}.{key}"
         if isinstance(inside, dict):
-            result |= _flat(inside, name)
+            result |= _flatten(inside, name)
         else:
             result[name] = value
     return result

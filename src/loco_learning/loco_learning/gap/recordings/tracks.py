@@ -21,7 +21,7 @@ from .units import periodic
 
 JOINT, NAMED = "{joint}", ("column", "topic", "file")
 COUPLED = ("q", "command_position", "dq", "command_velocity")  # roles that followers have too
-GIVEN = ("supply", "enable", "stance")  # inputs of the robot other than commands
+INPUTS = ("supply", "enable", "stance")  # inputs of the robot other than commands
 
 BITS = {"unsigned8": 8, "unsigned16": 16, "unsigned32": 32}
 AXES = {
@@ -93,7 +93,7 @@ def from_source(source: Source, mapping: Mapping, rule: Rule, robot: Robot) -> l
         empty = np.isnan(x) & (missing | (not column.topic))
         if missing.any():
             label = f"{column.role} of {column.place}".removesuffix(" of ")
-            source.notes.append(_left_out(label, missing, column.missing))
+            source.notes.append(_omission_note(label, missing, column.missing))
         if not empty.all():  # otherwise the column was not measured
             t, x = t[~empty], x[~empty]
         inside = (t >= rule.start) & (t <= rule.end) | ~np.isfinite(t)
@@ -105,28 +105,28 @@ def from_source(source: Source, mapping: Mapping, rule: Rule, robot: Robot) -> l
     return tracks
 
 
-def _left_out(label: str, gone: np.ndarray, value: float | None) -> Doubt:
-    count = f"{int(gone.sum()):,} of {len(gone):,} readings"
+def _omission_note(label: str, omitted: np.ndarray, value: float | None) -> Doubt:
+    count = f"{int(omitted.sum()):,} of {len(omitted):,} readings"
     return Doubt(f"{label}: {count} are {value:g}, which the mapping calls missing: left out")
 
 
-def without(found: list[Track], value: float | None, notes: list[str]) -> list[Track]:
+def without(tracks: list[Track], value: float | None, notes: list[str]) -> list[Track]:
     """Tracks without readings whose position has the value that means no reading.
 
     Velocities and torques of the same joint and time stamp are removed as well, since they come
     from the same publisher.
 
     Args:
-        found: Tracks of a bag.
+        tracks: Tracks of a bag.
         value: Position that means no reading; None keeps all.
         notes: List to which a sentence is appended for each joint.
     """
-    dropped = {k.place: k.t[k.x == value] for k in found if k.role == "q" and value is not None}
+    dropped = {k.place: k.t[k.x == value] for k in tracks if k.role == "q" and value is not None}
     result = []
-    for track in found:
+    for track in tracks:
         rows = np.isin(track.t, dropped.get(track.place, ())) & (track.role in JOINT_SIGNALS)
         if rows.any() and track.role == "q":
-            notes.append(_left_out(track.label, rows, value))
+            notes.append(_omission_note(track.label, rows, value))
         result.append(replace(track, t=track.t[~rows], x=track.x[~rows]) if rows.any() else track)
     return result
 
@@ -149,14 +149,14 @@ def of_joints(mapping: Mapping, robot: Robot) -> list[Column]:
     return columns
 
 
-def locked(found: list[Track], held: dict[str, float], robot: Robot) -> list[Track]:
+def locked(tracks: list[Track], held: dict[str, float], robot: Robot) -> list[Track]:
     """Tracks with constant positions and commands added for joints that were locked.
 
     Raises:
         ParameterError: The robot has no such joint, its drive accepts torques, or the joint has
             a column of its own.
     """
-    result, clock = list(found), next((track for track in found if track.role == "q"), None)
+    result, clock = list(tracks), next((track for track in tracks if track.role == "q"), None)
     for joint, at in held.items():
         if joint not in robot.joints:
             raise NameUnknownError("joint for locked", joint, robot.joints)
@@ -165,7 +165,7 @@ def locked(found: list[Track], held: dict[str, float], robot: Robot) -> list[Tra
                 f"locked: {joint} has a drive for torques, which cannot hold it; if it never "
                 f"moves, lock it in robot.yaml instead: locked: {{{joint}: {at:g}}}"
             )
-        if any(track.place == joint for track in found):
+        if any(track.place == joint for track in tracks):
             raise ParameterError(f"locked: {joint} has columns of its own; leave one of them out")
         roles = ["q"] + ["command_position"] * (joint in robot.drives)
         constant = [] if clock is None else [(clock.t, np.full(len(clock.t), at))]
@@ -173,13 +173,13 @@ def locked(found: list[Track], held: dict[str, float], robot: Robot) -> list[Tra
     return result
 
 
-def mended(found: Sequence[Track], mends: Sequence[Mend]) -> list[Track]:
+def correct(tracks: Sequence[Track], mends: Sequence[Mend]) -> list[Track]:
     """Tracks after the corrections of a mapping, in their order; consecutive `is` act at once.
 
     Raises:
         ParameterError: There is no signal that a correction names.
     """
-    result, renamed = list(found), dict[int, str]()
+    result, renamed = list(tracks), dict[int, str]()
     for mend in mends:
         if not mend.other:
             result, renamed = _renamed(result, renamed), {}
@@ -199,9 +199,9 @@ def mended(found: Sequence[Track], mends: Sequence[Mend]) -> list[Track]:
     return _renamed(result, renamed)
 
 
-def _renamed(found: Sequence[Track], places: dict[int, str]) -> list[Track]:
+def _renamed(tracks: Sequence[Track], names: dict[int, str]) -> list[Track]:
     """Tracks of which some, by their index, are of other joints."""
-    return [replace(k, place=places.get(i, k.place)) for i, k in enumerate(found)]
+    return [replace(k, place=names.get(i, k.place)) for i, k in enumerate(tracks)]
 
 
 def followed(found: Sequence[Track], robot: Robot, notes: list[str]) -> list[Track]:

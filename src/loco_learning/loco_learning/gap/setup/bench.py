@@ -18,14 +18,14 @@ from loco_sim.plant.model import Model
 from loco_sim.robot.robot import Robot
 
 from ..prediction.forward import Forward, ForwardParams
-from ..prediction.led import Led, possible
+from ..prediction.led import InverseDynamics, possible
 from ..recordings import lags
 from ..recordings.record import Record, bridged
-from .finding import EFFECTS, MODEL, Change, Finding, composed, mended
+from .finding import EFFECTS, MODEL, Change, Finding, composed, correct
 from .limits import LIMITS
 
-SECONDS, MOST = 5.0, 2  # simulated part of a record, and number of records (taste: 0.1 s each)
-WORST = 3.0  # bound on the error of a joint, over the standard deviation of its signal
+SECONDS, COUNT = 5.0, 2  # simulated part of a record, and number of records (taste: 0.1 s each)
+MAX_ERROR = 3.0  # bound on the error of a joint, over the standard deviation of its signal
 
 
 @dataclass(frozen=True)
@@ -50,28 +50,28 @@ class Trial:
         return list(zip(self.said, self.measured, moving, strict=True))
 
     def misses(self) -> np.ndarray:
-        """Rms error of each joint over the deviation of its signal, (n,), up to `WORST`.
+        """Rms error of each joint over the deviation of its signal, (n,), up to `MAX_ERROR`.
 
         It is 0 for a joint that is held.
         """
         square, size = np.zeros(len(self.joints)), np.zeros(len(self.joints))
-        for said, measured, moving in self.each():
-            known = np.isfinite(measured) & moving
-            off = np.where(known, np.where(np.isfinite(said), said - measured, np.inf), 0.0)
-            count = np.maximum(known.sum(axis=0), 1)
-            mean = np.where(known, measured, 0.0).sum(axis=0) / count
-            spread = np.where(known, (measured - mean) ** 2, 0.0).sum(axis=0) / count
-            usual = np.maximum(spread, 1e-12)
-            square += np.minimum(np.sum(off**2, axis=0) / usual, WORST**2 * len(off))
-            size += known.sum(axis=0)
-        return np.minimum(np.sqrt(square / np.maximum(size, 1.0)), WORST)
+        for sim, measured, moving in self.each():
+            valid = np.isfinite(measured) & moving
+            errors = np.where(valid, np.where(np.isfinite(sim), sim - measured, np.inf), 0.0)
+            count = np.maximum(valid.sum(axis=0), 1)
+            mean = np.where(valid, measured, 0.0).sum(axis=0) / count
+            variance = np.where(valid, (measured - mean) ** 2, 0.0).sum(axis=0) / count
+            usual = np.maximum(variance, 1e-12)
+            square += np.minimum(np.sum(errors**2, axis=0) / usual, MAX_ERROR**2 * len(errors))
+            size += valid.sum(axis=0)
+        return np.minimum(np.sqrt(square / np.maximum(size, 1.0)), MAX_ERROR)
 
     def miss(self, joints: Sequence[str] = ()) -> float:
         """Rms of `misses` over some joints, or over all if none is named, without held ones."""
         moving = np.any([each for _, _, each in self.each()], axis=0)
-        mine = [i for i, joint in enumerate(self.joints)
+        indices = [i for i, joint in enumerate(self.joints)
                 if moving[i] and (not joints or joint in joints)]  # fmt: skip
-        return float(np.sqrt(np.mean(self.misses()[mine] ** 2))) if mine else 0.0
+        return float(np.sqrt(np.mean(self.misses()[indices] ** 2))) if indices else 0.0
 
 
 class Bench:
@@ -96,10 +96,10 @@ class Bench:
         """
         self.model, self._all, self._changes = model, tuple(records), tuple(changes)
         engine = [bool(needs_engine(robot_of(model, record))) for record in records]
-        chosen = [r for r, e in zip(records, engine, strict=True) if not e] or list(records)
+        selected = [r for r, e in zip(records, engine, strict=True) if not e] or list(records)
         self.free, self.led = all(engine), False
-        self.robot = robot_of(model_with(model, changes), chosen[0]) if records else None
-        self.records = [busiest(record, SECONDS) for record in chosen[:MOST]]
+        self.robot = robot_of(model_with(model, changes), selected[0]) if records else None
+        self.records = [busiest(record, SECONDS) for record in selected[:COUNT]]
         self._trials: dict[str, Trial | None] = {}
         self.possible = bool(self.records) and self() is not None and bool(self().joints)
 
@@ -131,12 +131,12 @@ class Bench:
 
     def whole(self) -> tuple[Model, list[Record]]:
         """The model, and the complete recordings as imported, with the changes so far."""
-        records = [mended(record, self._changes) for record in self._all]
+        records = [correct(record, self._changes) for record in self._all]
         return model_with(self.model, self._changes), records
 
     def told_records(self) -> list[Record]:
         """The parts of recordings as imported with the changes so far."""
-        return [mended(record, self._changes) for record in self.records]
+        return [correct(record, self._changes) for record in self.records]
 
     def told(self) -> Trial:
         """Commanded positions in place of a simulation."""
@@ -152,9 +152,9 @@ class Bench:
             return None
         if self.led:
             names = self().joints
-            said = [r.command["torque"][:, [r.driven.index(j) for j in names]] for r in records]
+            commands = [r.command["torque"][:, [r.driven.index(j) for j in names]] for r in records]
             tau = [r.signals["tau"][:, [r.joints.index(j) for j in names]] for r in records]
-            return Trial(names, tuple(said), tuple(tau))
+            return Trial(names, tuple(commands), tuple(tau))
         model = model_with(self.model, self._changes)
         forward = Forward(model, records, ForwardParams(signals=("tau",)))
         names = tuple(channel.name for channel in forward.channels)
@@ -177,33 +177,33 @@ class Bench:
         self,
         fault: str,
         joints: tuple[str, ...],
-        says: str,
-        ways: Iterable[tuple[Change, ...]],
-        whole: bool = False,
+        note: str,
+        fixes: Iterable[tuple[Change, ...]],
+        total: bool = False,
     ) -> list[Finding]:
         """A finding if one of several sets of lines corrects a suspected mistake; otherwise empty.
 
         Args:
             fault: Kind of mistake.
             joints: Joints with the mistake; empty for the whole robot.
-            says: The mistake in one sentence, with numbers.
-            ways: Sets of lines that may correct it.
-            whole: Whether the error of all joints decides.
+            note: The mistake in one sentence, with numbers.
+            fixes: Sets of lines that may correct it.
+            total: Whether the error of all joints decides.
         """
-        mine = () if whole else joints
-        before = self().miss(mine)
-        trials = [(self(*way), way) for way in ways if way]
-        after = sorted((t.miss(mine), k) for k, (t, _) in enumerate(trials) if t)
+        scored = () if total else joints
+        before = self().miss(scored)
+        trials = [(self(*fix), fix) for fix in fixes if fix]
+        after = sorted((t.miss(scored), k) for k, (t, _) in enumerate(trials) if t)
         if not after or after[0][0] > min(before / LIMITS.better, LIMITS.left):
             return []
         best = after[0][0]
-        ways = self.supported([trials[k][1] for miss, k in after
+        fixes = self.supported([trials[k][1] for miss, k in after
                                if miss < LIMITS.alike * best + 1e-3])  # fmt: skip
-        text = f"{says}. The model misses {before:.0%} of it as it is, {best:.0%} with this mended"
-        return [Finding(fault, joints, text, ways[0], tuple(ways[1:]))]
+        text = f"{note}. The model misses {before:.0%} of it as it is, {best:.0%} with this mended"
+        return [Finding(fault, joints, text, fixes[0], tuple(fixes[1:]))]
 
     def _run(self, changes: Sequence[Change]) -> Trial:
-        records = [mended(record, changes) for record in self.records]
+        records = [correct(record, changes) for record in self.records]
         if self.free:
             return commanded(records)
         model = model_with(self.model, changes)
@@ -211,7 +211,7 @@ class Bench:
             forward = Forward(model, records, ForwardParams(signals=("q",)))
             self.led = possible(forward) and not forward.robot().springs  # springs restore joints
         if self.led:
-            forward = Led(model, records)
+            forward = InverseDynamics(model, records)
         names = tuple(channel.name for channel in forward.channels)
         moves = tuple(moving(record, names) for record in records)
         return Trial(names, tuple(forward()), tuple(forward.measured), moves)
@@ -236,24 +236,24 @@ def moving(record: Record, joints: Sequence[str]) -> np.ndarray:
 
 def commanded(records: Sequence[Record]) -> Trial:
     """Commanded positions, delayed as the motion is, in place of a simulation."""
-    told = [r for r in records if "position" in r.command]
-    joints = tuple(j for j in told[0].driven if j in told[0].joints) if told else ()
-    said, measured = [], []
-    for record in told:
+    used = [r for r in records if "position" in r.command]
+    joints = tuple(j for j in used[0].driven if j in used[0].joints) if used else ()
+    commands, measured = [], []
+    for record in used:
         command = record.command["position"][:, [record.driven.index(j) for j in joints]]
         q = record.signals["q"][:, [record.joints.index(j) for j in joints]]
         late = [lags.lag(c, bridged(x), record.dt)[0] for c, x in zip(command.T, q.T, strict=True)]
         shift = max(0, round(float(np.median(late)) / record.dt))
-        said.append(np.concatenate([np.repeat(command[:1], shift, axis=0), command])[: len(q)])
+        commands.append(np.concatenate([np.repeat(command[:1], shift, axis=0), command])[: len(q)])
         measured.append(q)
-    return Trial(joints, tuple(said), tuple(measured), tuple(moving(r, joints) for r in told))
+    return Trial(joints, tuple(commands), tuple(measured), tuple(moving(r, joints) for r in used))
 
 
 def model_with(model: Model, changes: Sequence[Change]) -> Model:
     """The model with those changes that concern it."""
-    mine = [c for c in changes if c.file == MODEL]
-    values = {c.key: c.value for c in mine if c.key != EFFECTS}
-    added = [spec for c in mine if c.key == EFFECTS for spec in c.value]
+    model_changes = [c for c in changes if c.file == MODEL]
+    values = {c.key: c.value for c in model_changes if c.key != EFFECTS}
+    added = [spec for c in model_changes if c.key == EFFECTS for spec in c.value]
     return replace(model, overrides={**model.overrides, **values}, effects=[*model.effects, *added])
 
 

@@ -32,36 +32,36 @@ def drafted(bench: Bench) -> list[Finding]:
     joints = stiff(bench) if "drives" in bench.robot.guessed else ()
     if not joints or bench.free:
         return []
-    now = {j: np.array([d.kp, d.kd]) for j, d in bench.robot.drives.items() if j in joints}
+    old = {j: np.array([d.kp, d.kd]) for j, d in bench.robot.drives.items() if j in joints}
     gains = {j: by for j in joints if (by := signals.regressed(bench, j))}
-    off = [j for j, (by, e) in gains.items() if np.any(np.abs(by - now[j]) > 2.0 * e + 0.01 * by)]
-    exact = tuple(c for j in off for c in gained(bench, gains[j][0] / now[j], (j,)))
-    after = bench.mended(exact).torques() if off else None
-    if after and all(abs(alike) > LIMITS.against and 1.0 / LIMITS.scale < abs(by) < LIMITS.scale
-                     for by, alike in (moved(after, j) for j in off)):  # fmt: skip
-        texts = (f"{key} of {j} is {by:.4g} ± {error:.1g}" for j in off
+    wrong = [j for j, (by, e) in gains.items() if np.any(np.abs(by - old[j]) > 2.0 * e + 0.01 * by)]
+    exact = tuple(c for j in wrong for c in gained(bench, gains[j][0] / old[j], (j,)))
+    after = bench.mended(exact).torques() if wrong else None
+    if after and all(abs(corr) > LIMITS.against and 1.0 / LIMITS.scale < abs(by) < LIMITS.scale
+                     for by, corr in (moved(after, j) for j in wrong)):  # fmt: skip
+        parts = (f"{key} of {j} is {by:.4g} ± {error:.1g}" for j in wrong
                 for key, by, error in zip(("kp", "kd"), *gains[j], strict=True))  # fmt: skip
-        text = f"{', '.join(texts)} by the measured torque; guessed in robot.yaml"
-        return [Finding("guessed gains", tuple(off), text, exact, stops=False)]
-    return [] if bench.fits or gains and not off else _fitted(bench, joints)
+        text = f"{', '.join(parts)} by the measured torque; guessed in robot.yaml"
+        return [Finding("guessed gains", tuple(wrong), text, exact, stops=False)]
+    return [] if bench.fits or gains and not wrong else _fitted(bench, joints)
 
 
 def _fitted(bench: Bench, joints: Sequence[str]) -> list[Finding]:
     """Finding of gains of some joints that are fitted to the motion."""
 
-    def way(log_by: np.ndarray) -> tuple[Change, ...]:
+    def fix(log_by: np.ndarray) -> tuple[Change, ...]:
         by = zip(joints, np.exp(np.reshape(log_by, (-1, 2))), strict=True)
         return tuple(c for j, pair in by for c in gained(bench, pair, (j,)))
 
     best = np.zeros((len(joints), 2))
-    for some in (np.ones(len(joints)), *np.eye(len(joints))):  # all alike, then each by itself
-        tried = [best + by * some[:, None] for by in np.log(LIMITS.scales)]
-        best = min(tried, key=lambda x: bench.miss(*way(x)))
-    best = least_squares(lambda x: (bench(*way(x)) or bench()).misses(), best.ravel(),
+    for direction in (np.ones(len(joints)), *np.eye(len(joints))):  # all alike, then each by itself
+        candidates = [best + by * direction[:, None] for by in np.log(LIMITS.scales)]
+        best = min(candidates, key=lambda x: bench.miss(*fix(x)))
+    best = least_squares(lambda x: (bench(*fix(x)) or bench()).misses(), best.ravel(),
                          diff_step=0.05, max_nfev=10).x  # fmt: skip
-    says = f"the gains of {', '.join(joints)} are guessed in robot.yaml, and fitted here"
-    found = bench.settled("guessed gains", joints, says, [way(best)], whole=True)
-    return [replace(finding, stops=False) for finding in found]
+    note = f"the gains of {', '.join(joints)} are guessed in robot.yaml, and fitted here"
+    findings = bench.settled("guessed gains", joints, note, [fix(best)], total=True)
+    return [replace(finding, stops=False) for finding in findings]
 
 
 def axis(bench: Bench) -> list[Finding]:
@@ -69,21 +69,21 @@ def axis(bench: Bench) -> list[Finding]:
     joints = bench().joints
     for count in (1, 2):
         trials = []
-        for some in itertools.combinations(joints, count):
-            way = tuple(c for joint in some for c in lines(bench, joint, SIGN, -1, ""))
-            bare = tuple(c for c in way if c.role != "tau")  # the torque may be right
-            trials += [(bench.miss(*way), some, one) for one in dict.fromkeys((way, bare))]
-        least = min((miss for miss, _, _ in trials), default=0.0)
-        trials = [t for t in trials if t[0] < LIMITS.alike * least + 1e-3]
-        ways = bench.supported([way for _, _, way in trials])
-        trials = [t for t in trials if t[2] in ways]
-        some = tuple(dict.fromkeys(joint for _, some, _ in trials for joint in some))
-        names = (" and " if len({t[1] for t in trials}) == 1 else " or ").join(some)
-        says = (f"{names} turns the other way round in the URDF than in the recordings: weight and "
+        for subset in itertools.combinations(joints, count):
+            fix = tuple(c for joint in subset for c in lines(bench, joint, SIGN, -1, ""))
+            motion = tuple(c for c in fix if c.role != "tau")  # the torque may be right
+            trials += [(bench.miss(*fix), subset, one) for one in dict.fromkeys((fix, motion))]
+        lowest = min((miss for miss, _, _ in trials), default=0.0)
+        trials = [t for t in trials if t[0] < LIMITS.alike * lowest + 1e-3]
+        fixes = bench.supported([fix for _, _, fix in trials])
+        trials = [t for t in trials if t[2] in fixes]
+        subset = tuple(dict.fromkeys(joint for _, subset, _ in trials for joint in subset))
+        names = (" and " if len({t[1] for t in trials}) == 1 else " or ").join(subset)
+        note = (f"{names} turns the other way round in the URDF than in the recordings: weight and "
                 "coupling have the other sign")  # fmt: skip
-        found = bench.settled("axis", some, says, ways, whole=True)
-        if found:
-            return found
+        findings = bench.settled("axis", subset, note, fixes, total=True)
+        if findings:
+            return findings
     return []
 
 
@@ -93,26 +93,26 @@ def joint_scale(bench: Bench) -> list[Finding]:
     All that turn may be in degrees, and all slides in mm. A scale is found only if a smaller and a
     larger one explain less: a motion that must vanish has another cause.
     """
-    found = [] if bench.led else _in_units(bench)
+    findings = [] if bench.led else _in_units(bench)
     misses = dict(zip(bench().joints, bench().misses(), strict=True))
     for joint in sorted(misses, key=misses.get, reverse=True)[: LIMITS.worst]:
         if misses[joint] < LIMITS.missed or bench.led:
             continue
 
-        def way(log_by: float, joint: str = joint) -> tuple[Change, ...]:
+        def fix(log_by: float, joint: str = joint) -> tuple[Change, ...]:
             return lines(bench, joint, SCALE, float(np.exp(-log_by)), "")
 
-        by = float(np.exp(lowest(lambda x: bench.miss(*way(x)), np.log(LIMITS.scales))))
+        by = float(np.exp(lowest(lambda x: bench.miss(*fix(x)), np.log(LIMITS.scales))))
         if 1.0 / LIMITS.both < by < LIMITS.both:
             continue
         unit = commands.named(bench, joint, by)
         if not determined(bench, (joint,), by, bool(unit)):
             continue
-        ways = [lines(bench, joint, UNIT, unit, "") if unit else way(float(np.log(by)))]
-        says = f"q and command of {joint} are " + (f"in {unit}" if unit else (
+        fixes = [lines(bench, joint, UNIT, unit, "") if unit else fix(float(np.log(by)))]
+        note = f"q and command of {joint} are " + (f"in {unit}" if unit else (
             f"{by:.3g} times those of the joint: a scale, or a reduction of the gear"))  # fmt: skip
-        found += bench.settled("joint scale", (joint,), says, ways, whole=True)
-    return found
+        findings += bench.settled("joint scale", (joint,), note, fixes, total=True)
+    return findings
 
 
 def _in_units(bench: Bench) -> list[Finding]:
@@ -124,7 +124,7 @@ def _in_units(bench: Bench) -> list[Finding]:
         if len(joints) > 1 and determined(bench, joints, 1.0 / units.factor(unit), True):
             changes = [tuple(c for j in joints for c in lines(bench, j, UNIT, unit, ""))]
             text = f"q and command of {', '.join(joints)} are in {unit}"
-            findings += bench.settled("joint scale", joints, text, changes, whole=True)
+            findings += bench.settled("joint scale", joints, text, changes, total=True)
     return findings
 
 
@@ -138,15 +138,15 @@ def determined(bench: Bench, joints: Sequence[str], by: float, is_unit: bool) ->
         bench.miss(*(c for j in joints for c in lines(bench, j, SCALE, 1.0 / (by * f), "")))
         for f in (1.0, *LIMITS.about)
     )
-    least = LIMITS.alike * best + 1e-3
-    return small > least and large > (best if is_unit else least)
+    lowest = LIMITS.alike * best + 1e-3
+    return small > lowest and large > (best if is_unit else lowest)
 
 
 def gravity(bench: Bench) -> list[Finding]:
     """Findings of a wrong direction of gravity, or of gravity that the drives compensate."""
-    carried = (Change(MODEL, "sim.gravity", 0.0),)
-    says = "the model misses the weight: the drives carry it themselves, or nothing weighs"
-    found = bench.settled("gravity carried", (), says, [carried], whole=True)
+    no_gravity = (Change(MODEL, "sim.gravity", 0.0),)
+    note = "the model misses the weight: the drives carry it themselves, or nothing weighs"
+    findings = bench.settled("gravity carried", (), note, [no_gravity], total=True)
     about = np.pi * np.array([0.0, 1.0, -0.75, -0.5, -0.35, -0.2, 0.2, 0.35, 0.5, 0.75])
     starts = [*((x, 0.0) for x in about), *((0.0, x) for x in about[2:])]
 
@@ -155,67 +155,67 @@ def gravity(bench: Bench) -> list[Finding]:
         return (Change(MODEL, EFFECTS, (spec,)),)
 
     start = min(starts, key=lambda x: bench.miss(*tilted(x)))
-    near = least_squares(lambda x: bench.miss(*tilted(np.clip(x, -3.2, 3.2))), start,
+    orientation = least_squares(lambda x: bench.miss(*tilted(np.clip(x, -3.2, 3.2))), start,
                          diff_step=0.02, max_nfev=8).x  # fmt: skip
-    near = np.clip(near, -3.2, 3.2)
-    angle = float(np.arccos(np.clip(np.cos(near[0]) * np.cos(near[1]), -1.0, 1.0)))
+    orientation = np.clip(orientation, -3.2, 3.2)
+    angle = float(np.arccos(np.clip(np.cos(orientation[0]) * np.cos(orientation[1]), -1.0, 1.0)))
     if angle < LIMITS.tilted:
-        return found
-    for i in np.flatnonzero(near != start):  # not where the motion does not depend on it
+        return findings
+    for i in np.flatnonzero(orientation != start):  # not where the motion does not depend on it
 
         def missed(x: float, i: int = i) -> float:
-            return bench.miss(*tilted([*near[:i], x, *near[i + 1 :]]))
+            return bench.miss(*tilted([*orientation[:i], x, *orientation[i + 1 :]]))
 
-        near[i] = lowest(missed, near[i] + LIMITS.finer * np.array([-1.0, 0.0, 1.0]))
-    lies = "upside down" if angle > 0.9 * np.pi else f"inclined by {np.degrees(angle):.0f} degrees"
-    turned = f"the weight pulls elsewhere than the model has it: the base is {lies}"
-    tilt = bench.settled("gravity turned", (), turned, [tilted(near)], whole=True)
-    if not tilt or bench.miss(*carried) > LIMITS.carried * bench.miss(*tilted(near)):
-        return tilt or found
-    return [replace(tilt[0], fault="gravity carried", says=f"{says}; or {tilt[0].says}",
-                    mends=carried, others=(tilted(near),))]  # fmt: skip
+        orientation[i] = lowest(missed, orientation[i] + LIMITS.finer * np.array([-1.0, 0.0, 1.0]))
+    pose = "upside down" if angle > 0.9 * np.pi else f"inclined by {np.degrees(angle):.0f} degrees"
+    tilt_note = f"the weight pulls elsewhere than the model has it: the base is {pose}"
+    tilt = bench.settled("gravity turned", (), tilt_note, [tilted(orientation)], total=True)
+    if not tilt or bench.miss(*no_gravity) > LIMITS.carried * bench.miss(*tilted(orientation)):
+        return tilt or findings
+    return [replace(tilt[0], fault="gravity carried", says=f"{note}; or {tilt[0].says}",
+                    mends=no_gravity, others=(tilted(orientation),))]  # fmt: skip
 
 
 def weights(bench: Bench) -> list[Finding]:
     """Finding of masses and inertias, or of torques, that are wrong by a power of ten."""
-    found: list[Finding] = []
+    findings: list[Finding] = []
     for by in POWERS:
-        ways = [heavier(bench, by)]
+        sets = [heavier(bench, by)]
         if bench.led:
-            told = MAPPING, SCALE, 1.0 / by, "command_torque"
-            ways += [tuple(Change(*told, joint) for joint in bench().joints)]
+            torque_line = MAPPING, SCALE, 1.0 / by, "command_torque"
+            sets += [tuple(Change(*torque_line, joint) for joint in bench().joints)]
         elif stiff(bench):
-            ways += [gained(bench, (1.0 / by, 1.0 / by), stiff(bench))]
-        says = f"all masses are {1.0 / by:g} times too large" if by < 1.0 else \
+            sets += [gained(bench, (1.0 / by, 1.0 / by), stiff(bench))]
+        note = f"all masses are {1.0 / by:g} times too large" if by < 1.0 else \
             f"all masses are {by:g} times too small"  # fmt: skip
-        found += bench.settled("masses", (), f"{says} for this motion, or the torques are", ways,
-                               whole=True)  # fmt: skip
-    return sorted(found, key=lambda f: bench.miss(*f.mends))[:1]
+        findings += bench.settled("masses", (), f"{note} for this motion, or the torques are", sets,
+                               total=True)  # fmt: skip
+    return sorted(findings, key=lambda f: bench.miss(*f.mends))[:1]
 
 
 def gains(bench: Bench) -> list[Finding]:
     """Finding of drive gains per degree instead of per radian: of all, all that turn, or one."""
-    found: list[Finding] = []
-    kinds, drives = Description(bench.robot.urdf).joint_types(), stiff(bench)
-    turning = tuple(joint for joint in drives if kinds[joint] != SLIDES)
+    findings: list[Finding] = []
+    types, drives = Description(bench.robot.urdf).joint_types(), stiff(bench)
+    turning = tuple(joint for joint in drives if types[joint] != SLIDES)
     for joints in dict.fromkeys((drives, turning, *((joint,) for joint in turning))):
         for by in (suspect.DEGREE, 1.0 / suspect.DEGREE):
-            way = gained(bench, (by, by), joints)
-            off = f"{max(by, 1.0 / by):.3g} times too {'small' if by > 1.0 else 'large'}"
-            says = f"the gains of {', '.join(joints)} are {off}: per degree, not per radian"
-            found += bench.settled("gains", joints, says, [way] if joints else [], whole=True)
-    return sorted(found, key=lambda f: bench.miss(*f.mends))[:1]
+            fix = gained(bench, (by, by), joints)
+            ratio = f"{max(by, 1.0 / by):.3g} times too {'small' if by > 1.0 else 'large'}"
+            note = f"the gains of {', '.join(joints)} are {ratio}: per degree, not per radian"
+            findings += bench.settled("gains", joints, note, [fix] if joints else [], total=True)
+    return sorted(findings, key=lambda f: bench.miss(*f.mends))[:1]
 
 
 def misread(bench: Bench) -> float:
     """Least error of the model if the zero of one joint sensor has moved, or its gain is off."""
-    trial, ways = bench(), []
-    said, read = np.concatenate(trial.said), np.concatenate(trial.measured)
-    for joint, a, b in zip(trial.joints, said.T, read.T, strict=True) if not bench.led else ():
+    trial, fixes = bench(), []
+    sim, read = np.concatenate(trial.said), np.concatenate(trial.measured)
+    for joint, a, b in zip(trial.joints, sim.T, read.T, strict=True) if not bench.led else ():
         gain = float(np.nansum(a * b) / max(np.nansum(b * b * np.isfinite(a)), 1e-12))
-        ways.append(Change(MAPPING, OFFSET, float(np.nanmean(a - b)), "q", joint))
-        ways.append(Change(MAPPING, SCALE, gain, "q", joint))
-    return min((bench.miss(way) for way in ways), default=np.inf)
+        fixes.append(Change(MAPPING, OFFSET, float(np.nanmean(a - b)), "q", joint))
+        fixes.append(Change(MAPPING, SCALE, gain, "q", joint))
+    return min((bench.miss(fix) for fix in fixes), default=np.inf)
 
 
 def stiff(bench: Bench) -> tuple[str, ...]:
@@ -236,9 +236,9 @@ def gained(bench: Bench, by: Sequence[float], joints: Sequence[str]) -> tuple[Ch
 def heavier(bench: Bench, by: float) -> tuple[Change, ...]:
     """Changes that multiply the masses of all links; inertias follow."""
     text = Description(bench.robot.urdf)
-    known = {link: text.mass_of(link) for link in text.links()}
-    whole = {link: sum(known[one] for one in text.below(link)) for link in known if known[link]}
-    return tuple(Change(MODEL, f"masses.{link}", by * mass) for link, mass in whole.items())
+    masses = {link: text.mass_of(link) for link in text.links()}
+    trees = {link: sum(masses[one] for one in text.below(link)) for link in masses if masses[link]}
+    return tuple(Change(MODEL, f"masses.{link}", by * mass) for link, mass in trees.items())
 
 
 def lowest(miss: Callable[[float], float], grid: Sequence[float]) -> float:

@@ -20,53 +20,53 @@ MEASURED = ("q", "tau", "command")  # columns with a mistake in common, see `lin
 
 def sign(bench: Bench) -> list[Finding]:
     """Findings of joints that move opposite to their simulation."""
-    alike, found = np.min([np.diag(each) for each in _alike(bench)], axis=0), []
+    corr, findings = np.min([np.diag(each) for each in _corr(bench)], axis=0), []
     for i, joint in enumerate(bench().joints):
-        if alike[i] > -LIMITS.against:
+        if corr[i] > -LIMITS.against:
             continue
-        turned = [lines(bench, joint, SIGN, -1, of) for of in MEASURED]
-        says = (f"{joint} moves against its command: correlation {alike[i]:.2f} with it, or with "
+        fixes = [lines(bench, joint, SIGN, -1, of) for of in MEASURED]
+        note = (f"{joint} moves against its command: correlation {corr[i]:.2f} with it, or with "
                 "what the model does")  # fmt: skip
-        found += bench.settled("sign", (joint,), says, dict.fromkeys(turned))
-    return found
+        findings += bench.settled("sign", (joint,), note, dict.fromkeys(fixes))
+    return findings
 
 
 def exchanged(bench: Bench) -> list[Finding]:
     """Findings of joint pairs in which each joint follows the command of the other."""
-    joints, found = bench().joints, list[Finding]()
+    joints, findings = bench().joints, list[Finding]()
     pairs = itertools.combinations(range(len(joints)), 2)
-    for (i, j), alike in itertools.product(pairs, _alike(bench)):
-        own, other = np.array([alike[i, i], alike[j, j]]), np.array([alike[i, j], alike[j, i]])
-        if np.any(other < LIMITS.follows) or np.any(own > other - LIMITS.apart):
+    for (i, j), corr in itertools.product(pairs, _corr(bench)):
+        own_corr, other = np.array([corr[i, i], corr[j, j]]), np.array([corr[i, j], corr[j, i]])
+        if np.any(other < LIMITS.follows) or np.any(own_corr > other - LIMITS.apart):
             continue
         a, b = joints[i], joints[j]
-        says = (f"{a} follows the command of {b} (correlation {alike[j, i]:.2f}, with its own "
-                f"{alike[i, i]:.2f}) and {b} that of {a} ({alike[i, j]:.2f}, {alike[j, j]:.2f}): "
+        note = (f"{a} follows the command of {b} (correlation {corr[j, i]:.2f}, with its own "
+                f"{corr[i, i]:.2f}) and {b} that of {a} ({corr[i, j]:.2f}, {corr[j, j]:.2f}): "
                 "exchanged")  # fmt: skip
-        ways = dict.fromkeys(swapped(bench, a, b, of) for of in MEASURED)
-        found += bench.settled("exchanged", (a, b), says, ways)
-    return list({one.joints: one for one in found}.values())
+        fixes = dict.fromkeys(swap(bench, a, b, of) for of in MEASURED)
+        findings += bench.settled("exchanged", (a, b), note, fixes)
+    return list({one.joints: one for one in findings}.values())
 
 
 def scale(bench: Bench) -> list[Finding]:
     """Findings of joints whose motion is a multiple of the simulated one."""
-    found: list[Finding] = []
+    findings: list[Finding] = []
     if bench.led:
-        return found  # a wrong torque scale is treated with torques and masses
+        return findings  # a wrong torque scale is treated with torques and masses
     for joint in bench().joints:
-        ratio, alike = max((moved(trial, joint) for trial in (bench(), bench.told())),
+        ratio, corr = max((moved(trial, joint) for trial in (bench(), bench.told())),
                            key=lambda pair: pair[1])  # fmt: skip
-        if alike < LIMITS.follows or 1.0 / LIMITS.scale < ratio < LIMITS.scale:
+        if corr < LIMITS.follows or 1.0 / LIMITS.scale < ratio < LIMITS.scale:
             continue
-        known = {of: named(bench, joint, by) for of, by in (("q", ratio), ("command", 1.0 / ratio))}
-        unit = "".join(known.values())
+        names = {of: named(bench, joint, by) for of, by in (("q", ratio), ("command", 1.0 / ratio))}
+        unit = "".join(names.values())
         what = f"one of them in {unit}" if unit else "a scale, or a reduction of the gear"
-        says = (f"q of {joint} moves {ratio:.3g} times as far as its command asks for "
-                f"(correlation {alike:.3f}): {what}")  # fmt: skip
-        ways = [lines(bench, joint, *((UNIT, known[of]) if known[of] else (SCALE, by)), of)
+        note = (f"q of {joint} moves {ratio:.3g} times as far as its command asks for "
+                f"(correlation {corr:.3f}): {what}")  # fmt: skip
+        fixes = [lines(bench, joint, *((UNIT, names[of]) if names[of] else (SCALE, by)), of)
                 for of, by in (("q", 1.0 / ratio), ("command", ratio))]  # fmt: skip
-        found += bench.settled("scale", (joint,), says, ways)
-    return found
+        findings += bench.settled("scale", (joint,), note, fixes)
+    return findings
 
 
 def lines(bench: Bench, joint: str, key: str, value: float, of: str) -> tuple[Change, ...]:
@@ -75,11 +75,11 @@ def lines(bench: Bench, joint: str, key: str, value: float, of: str) -> tuple[Ch
     Of its motion (q), of all that was measured (tau), or of what was commanded (command).
     """
     roles = dict.fromkeys(role for r in bench.records for role in roles_of(r, joint))
-    mine = [r for r in roles if not of or r.startswith("command_") is (of == "command")]
+    used = [r for r in roles if not of or r.startswith("command_") is (of == "command")]
     no = () if key == SIGN and of != "q" else ("tau",) if key == SIGN else ("tau", "command_torque")
     value_of = unit_of if key == UNIT else lambda value, role: value
     return tuple(
-        Change(MAPPING, key, value_of(value, role), role, joint) for role in mine if role not in no
+        Change(MAPPING, key, value_of(value, role), role, joint) for role in used if role not in no
     )
 
 
@@ -90,7 +90,7 @@ def named(bench: Bench, joint: str, by: float) -> str:
     return next((u for u in legal if abs(np.log(by * units.factor(u))) < LIMITS.near), "")
 
 
-def swapped(bench: Bench, a: str, b: str, of: str) -> tuple[Change, ...]:
+def swap(bench: Bench, a: str, b: str, of: str) -> tuple[Change, ...]:
     """Changes that exchange the columns of two joints."""
     return tuple(
         Change(MAPPING, JOINT, to, c.role, c.joint)
@@ -99,7 +99,7 @@ def swapped(bench: Bench, a: str, b: str, of: str) -> tuple[Change, ...]:
     )
 
 
-def _alike(bench: Bench) -> list[np.ndarray]:
+def _corr(bench: Bench) -> list[np.ndarray]:
     """Correlations of the measured motion with the model's, and with the commands themselves.
 
     A model that a wrong command drives into the stops of its joints tells nothing.
@@ -115,11 +115,11 @@ def correlations(trial: Trial) -> np.ndarray:
     """
     total, n = np.zeros((len(trial.joints),) * 2), len(trial.joints)
     count = np.zeros_like(total)
-    for said, measured, moving in trial.each():
-        known = np.isfinite(said).all(axis=1) & np.isfinite(measured).all(axis=1)
-        if known.sum() < LIMITS.samples:
+    for sim, measured, moving in trial.each():
+        valid = np.isfinite(sim).all(axis=1) & np.isfinite(measured).all(axis=1)
+        if valid.sum() < LIMITS.samples:
             continue
-        both = np.hstack([said[known], measured[known]])
+        both = np.hstack([sim[valid], measured[valid]])
         both = both - both.mean(axis=0)
         size = np.sqrt(np.sum(both**2, axis=0))
         usual = both / np.where(size > 1e-9, size, np.inf)
@@ -134,5 +134,5 @@ def moved(trial: Trial, joint: str) -> tuple[float, float]:
     if joint not in trial.joints:
         return 1.0, 0.0
     i = trial.joints.index(joint)
-    rows = [(said[:, i], measured[:, i]) for said, measured, moves in trial.each() if moves[i]]
+    rows = [(sim[:, i], measured[:, i]) for sim, measured, moves in trial.each() if moves[i]]
     return suspect.slope(*map(np.concatenate, zip(*rows, strict=True))) if rows else (1.0, 0.0)

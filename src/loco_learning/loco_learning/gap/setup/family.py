@@ -33,7 +33,7 @@ OF_MOTION = {"q", "dq", "command_position", "command_velocity"}
 RUNS = (bodies.axis, bodies.joint_scale, bodies.gravity, bodies.weights, bodies.gains)
 
 
-def look(model: Model, records: Sequence[Record]) -> list[Finding]:
+def find_mistakes(model: Model, records: Sequence[Record]) -> list[Finding]:
     """Mistakes of a set-up, in the order in which they should be corrected.
 
     Args:
@@ -42,24 +42,24 @@ def look(model: Model, records: Sequence[Record]) -> list[Finding]:
     """
     changes = [list(parts.changed(model, record)) for record in records]
     local = list(itertools.chain(*changes))
-    records = [record for record, own in zip(records, changes, strict=True) if not own]
-    found = of_signals(model, records)
-    large = [f for f in found if f.fault == "effort" and not f.mends]  # told last
-    found = [f for f in found if f not in large]
-    if len(records) > 1 and all(finding.mends for finding in found):
-        single, records = parts.alone(model, records, mend.changes_of(found))
+    records = [record for record, changed in zip(records, changes, strict=True) if not changed]
+    faults = of_signals(model, records)
+    large = [f for f in faults if f.fault == "effort" and not f.mends]  # told last
+    faults = [f for f in faults if f not in large]
+    if len(records) > 1 and all(finding.mends for finding in faults):
+        single, records = parts.isolate(model, records, mend.changes_of(faults))
         local += single
-    bench = Bench(model, records, mend.changes_of(found))
-    if not bench.possible or not all(finding.mends for finding in found):
-        return local + found + large  # no simulation is possible, or it would be of a wrong set-up
+    bench = Bench(model, records, mend.changes_of(faults))
+    if not bench.possible or not all(finding.mends for finding in faults):
+        return local + faults + large  # no simulation is possible, or it would be of a wrong set-up
     rounds = 0 if bench.free else LIMITS.rounds
     for test in (*TESTS, *(best,) * rounds, *OF_TORQUES):
-        new = test(bench) if all(finding.mends for finding in found) else []
+        new = test(bench) if all(finding.mends for finding in faults) else []
         bench = bench.mended(change for finding in new for change in finding.mends)
         for finding in new:
-            found = mend.joined(found, finding)
-    units = {f.joints for f in found if f.fault == "effort"}
-    return local + found + [f for f in large if f.joints not in units]
+            faults = mend.merge(faults, finding)
+    units = {f.joints for f in faults if f.fault == "effort"}
+    return local + faults + [f for f in large if f.joints not in units]
 
 
 def _refuted(finding: Finding, bench_of: Callable[[], Bench], record: Record) -> bool:
@@ -82,11 +82,11 @@ def _refuted(finding: Finding, bench_of: Callable[[], Bench], record: Record) ->
     if record.has("dq") or not roles:
         return any(set(joints) & set(other.joints) for other in scaled)
     text = Description(bench.robot.urdf)
-    slow = all(
+    is_slow = all(
         np.nanpercentile(np.abs(rates(q, record.dt)), 99.0) <= (text.velocity(j) or LIMITS.fastest)
         for j, q in zip(record.joints, record.signals["q"].T, strict=True)
     )
-    return slow or bool(scaled or bodies.joint_scale(bench))
+    return is_slow or bool(scaled or bodies.joint_scale(bench))
 
 
 def best(bench: Bench) -> list[Finding]:
@@ -99,10 +99,10 @@ def best(bench: Bench) -> list[Finding]:
     rows = sorted(((bench.miss(*finding.mends), k) for k, finding in enumerate(new)))
     if not rows or bodies.misread(bench) < LIMITS.alike * rows[0][0]:
         return []  # a sensor whose zero or gain is off is left to the search
-    least, first = rows[0][0], new[rows[0][1]]
-    alike = [new[k] for miss, k in rows[1:] if miss < LIMITS.alike * least + 1e-3]
-    others = [way for finding in alike for way in (finding.mends, *finding.others)]
-    return [replace(first, others=tuple(dict.fromkeys((*first.others, *others))))]
+    lowest, first = rows[0][0], new[rows[0][1]]
+    ties = [new[k] for miss, k in rows[1:] if miss < LIMITS.alike * lowest + 1e-3]
+    options = [fix for finding in ties for fix in (finding.mends, *finding.others)]
+    return [replace(first, others=tuple(dict.fromkeys((*first.others, *options))))]
 
 
 def of_signals(model: Model, records: Sequence[Record]) -> list[Finding]:
@@ -110,24 +110,24 @@ def of_signals(model: Model, records: Sequence[Record]) -> list[Finding]:
 
     Lines of a mapping apply to all records: if only some have the mistake, no correction is given.
     """
-    found: dict[object, dict[str, Finding]] = {}
+    by_key: dict[object, dict[str, Finding]] = {}
     for record in records:
         robot = robot_of(model, record)
         bench_of = cache(partial(Bench, model, [record]))  # simulated once, and only if needed
         of_units = () if record.trusted else suspect.findings(record, robot)
-        others = (signals.wraps(record, robot), signals.base(record, robot))
-        for finding in itertools.chain(*others, of_units):
+        signal_findings = (signals.wraps(record, robot), signals.base(record, robot))
+        for finding in itertools.chain(*signal_findings, of_units):
             if _refuted(finding, bench_of, record):
                 continue
             wraps = finding.fault == "wrap"  # the period is estimated in each record
             key = finding.joints, "wrap" if wraps else finding.mends or finding.says
-            found.setdefault(key, {})[record.name] = finding
+            by_key.setdefault(key, {})[record.name] = finding
     findings, lines = [], set[Change]()
-    for rows in found.values():
+    for rows in by_key.values():
         names, finding = list(rows), next(iter(rows.values()))
-        says = f"{', '.join(names)}: {finding.says}"
+        note = f"{', '.join(names)}: {finding.says}"
         if len(names) < len(records) and finding.fault != "wrap":  # which is harmless for others
-            findings.append(replace(finding, says=says, mends=()))
+            findings.append(replace(finding, says=note, mends=()))
             continue
         new = tuple(c for c in finding.mends if c not in lines)  # two signals may tell the same
         lines.update(new)

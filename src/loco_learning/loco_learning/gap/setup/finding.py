@@ -81,10 +81,10 @@ class Finding:
     stops: bool = True
 
     def __str__(self) -> str:
-        ways = [" and ".join(map(str, some)) for some in (self.mends, *self.others) if some]
-        line = f"; say {ways[0]}" if ways else ""
-        if len(ways) > 1:
-            line += f", or {', or '.join(ways[1:])}: these recordings cannot tell which"
+        fixes = [" and ".join(map(str, fix)) for fix in (self.mends, *self.others) if fix]
+        line = f"; say {fixes[0]}" if fixes else ""
+        if len(fixes) > 1:
+            line += f", or {', or '.join(fixes[1:])}: these recordings cannot tell which"
         return f"{self.says}{line}"
 
     def plain(self) -> dict[str, Any]:
@@ -94,26 +94,26 @@ class Finding:
             "joints": list(self.joints),
             "says": str(self),
             "mends": [vars(change) for change in self.mends],
-            "others": [[vars(change) for change in some] for some in self.others],
+            "others": [[vars(change) for change in fix] for fix in self.others],
             "stops": self.stops,
         }
 
 
 def from_plain(values: Mapping[str, Any]) -> Finding:
     """A finding from `Finding.plain`, whose sentence has the lines."""
-    mends, *others = (
-        tuple(Change(**line) for line in some) for some in (values["mends"], *values["others"])
+    mends, *options = (
+        tuple(Change(**line) for line in fix) for fix in (values["mends"], *values["others"])
     )
     about = values["fault"], tuple(values["joints"]), values["says"]
-    return Finding(*about, mends, tuple(others), values["stops"])
+    return Finding(*about, mends, tuple(options), values["stops"])
 
 
 def roles_of(record: Record, joint: str) -> tuple[str, ...]:
     """Roles of the columns of a joint in a record."""
     measured = JOINT_SIGNALS if joint in record.joints else ()
-    kinds = record.command if joint in record.driven else ()
+    command_types = record.command if joint in record.driven else ()
     roles = [role for role in measured if role in record.signals]
-    return (*roles, *(f"command_{kind}" for kind in kinds))
+    return (*roles, *(f"command_{kind}" for kind in command_types))
 
 
 def composed(changes: Iterable[Change]) -> list[Change]:
@@ -140,7 +140,7 @@ def _with(changes: list[Change], new: Change) -> list[Change]:
     return [*changes, new]
 
 
-def mended(record: Record, changes: Sequence[Change]) -> Record:
+def correct(record: Record, changes: Sequence[Change]) -> Record:
     """A record as imported with changes of its mapping, in their order.
 
     Consecutive changes of joints are made at once.
@@ -153,8 +153,8 @@ def mended(record: Record, changes: Sequence[Change]) -> Record:
     command = {key: values.copy() for key, values in record.command.items()}
     resolution = dict(record.resolution)
     out = replace(record, signals=signals, command=command, resolution=resolution)
-    for exchange, some in itertools.groupby(changes, lambda c: c.key == JOINT):
-        (_exchange if exchange else _correct)(out, list(some))
+    for exchange, group in itertools.groupby(changes, lambda c: c.key == JOINT):
+        (_exchange if exchange else _correct)(out, list(group))
     return out
 
 

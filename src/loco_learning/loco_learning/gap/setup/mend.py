@@ -11,7 +11,7 @@ from loco_sim.plant.model import Model
 
 from ..recordings.record import Doubt, Record
 from .bench import model_with
-from .finding import JOINT, MAPPING, MODEL, SCALE, SIGN, Change, Finding, composed, mended
+from .finding import JOINT, MAPPING, MODEL, SCALE, SIGN, Change, Finding, composed, correct
 
 
 def changes_of(findings: Sequence[Finding]) -> list[Change]:
@@ -19,23 +19,23 @@ def changes_of(findings: Sequence[Finding]) -> list[Change]:
     return composed([change for finding in findings for change in finding.mends])
 
 
-def joined(found: Sequence[Finding], new: Finding) -> list[Finding]:
+def merge(findings: Sequence[Finding], new: Finding) -> list[Finding]:
     """Findings with a later one; it and an earlier one that it revokes in part become one.
 
     The earlier one was told by two signals that contradict each other, the later one says which is
     wrong.
     """
     keys = {(c.file, c.key, c.role, c.joint) for c in new.mends if c.key in (SIGN, SCALE)}
-    old = [f for f in found if f.stops is new.stops
+    old = [f for f in findings if f.stops is new.stops
            and keys & {(c.file, c.key, c.role, c.joint) for c in f.mends}]  # fmt: skip
     if not old:
-        return [*found, new]
+        return [*findings, new]
     before = [change for finding in old for change in finding.mends]
     text = "; ".join([new.says, *(finding.says for finding in old)])
-    options = dict.fromkeys(tuple(composed([*before, *way])) for way in (new.mends, *new.others))
-    mends, *others = options
-    one = replace(new, says=text, mends=mends, others=tuple(others))
-    return [*(f for f in found if f not in old), one]
+    options = dict.fromkeys(tuple(composed([*before, *fix])) for fix in (new.mends, *new.others))
+    mends, *rest = options
+    one = replace(new, says=text, mends=mends, others=tuple(rest))
+    return [*(f for f in findings if f not in old), one]
 
 
 def mapping_with(values: Mapping[str, Any], changes: Sequence[Change]) -> dict[str, Any]:
@@ -45,9 +45,9 @@ def mapping_with(values: Mapping[str, Any], changes: Sequence[Change]) -> dict[s
         values: Contents of the file; empty for a bag without mapping.
         changes: Changes; those of a model are ignored.
     """
-    mine = [change for change in changes if change.file == MAPPING]
+    used = [change for change in changes if change.file == MAPPING]
     lines = [
-        {"role": c.role, "joint": c.joint, "is" if c.key == JOINT else c.key: c.value} for c in mine
+        {"role": c.role, "joint": c.joint, "is" if c.key == JOINT else c.key: c.value} for c in used
     ]
     return {**values, "mend": [*(values.get("mend") or []), *lines]} if lines else dict(values)
 
@@ -60,6 +60,6 @@ def model_mended(model: Model, changes: Sequence[Change]) -> Model | None:
 def noted(records: Sequence[Record], findings: Sequence[Finding]) -> list[Record]:
     """Records with minor mistakes corrected, and a note on each of them."""
     changes = changes_of(findings)
-    doubts = tuple(Doubt(str(finding)) for finding in findings)
-    return [replace(mended(r, changes), notes=(*r.notes, *doubts)) if doubts else r
+    warnings = tuple(Doubt(str(finding)) for finding in findings)
+    return [replace(correct(r, changes), notes=(*r.notes, *warnings)) if warnings else r
             for r in records]  # fmt: skip

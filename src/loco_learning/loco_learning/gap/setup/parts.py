@@ -18,14 +18,14 @@ from ..recordings import lags
 from ..recordings.record import Record, bridged
 from . import commands, signals
 from .bench import Bench, Trial, commanded, robot_of
-from .finding import Change, Finding, mended
+from .finding import Change, Finding, correct
 from .limits import LIMITS
 
 TESTS = (signals.turns, commands.exchanged, commands.sign, commands.scale)
 CUT = ": cut the recording there (records: in a mapping)"
 SIGN, SCALE = "has the other sign" + CUT, "is {:.3g} times what it was" + CUT
 ZERO = "has another zero, by {:.3g}" + CUT
-STILL = "stands still while its command moves: leave this part out"
+STANDSTILL = "stands still while its command moves: leave this part out"
 
 
 def changed(model: Model, record: Record) -> Iterator[Finding]:
@@ -75,7 +75,7 @@ def _change(c: np.ndarray, q: np.ndarray, dt: float) -> tuple[int, str, float]:
     """
     rest = _stuck(c, q)
     if rest is not None:
-        return rest, STILL, 0.0
+        return rest, STANDSTILL, 0.0
     row, left, (before, after) = _split(c, q, dt)
     if not row or left > 1.0 / LIMITS.better**2:
         return 0, "", 0.0
@@ -103,11 +103,11 @@ def _stuck(c: np.ndarray, q: np.ndarray) -> int | None:
     if len(np.unique(q)) < LIMITS.share * len(q):
         return None
     edges = np.flatnonzero(np.diff(q)) + 1
-    starts, ends = np.concatenate([[0], edges]), np.concatenate([edges, [len(q)]])
-    k = int(np.argmax(ends - starts))
-    part = slice(int(starts[k]), int(ends[k]))
+    starts, stops = np.concatenate([[0], edges]), np.concatenate([edges, [len(q)]])
+    k = int(np.argmax(stops - starts))
+    part = slice(int(starts[k]), int(stops[k]))
     outside = np.delete(c, part), np.delete(q, part)
-    if ends[k] - starts[k] < LIMITS.share * len(q) or len(outside[0]) < LIMITS.samples:
+    if stops[k] - starts[k] < LIMITS.share * len(q) or len(outside[0]) < LIMITS.samples:
         return None
     if lags.is_constant(c) or np.std(c[part]) < 0.5 * np.std(c):
         return None
@@ -143,7 +143,7 @@ def _split(c: np.ndarray, q: np.ndarray, dt: float) -> tuple[int, float, np.ndar
     return int(rows[k]), max(total - float(gained[k]), 0.0) / one, coefficients
 
 
-def alone(
+def isolate(
     model: Model, records: Sequence[Record], changes: Sequence[Change]
 ) -> tuple[list[Finding], list[Record]]:
     """Mistakes of commands of some recordings that others do not have, and those others.
@@ -151,7 +151,7 @@ def alone(
     Only recordings whose motion differs from their commands in another way than in others are
     simulated.
     """
-    trials = [commanded([mended(record, changes)]) for record in records]
+    trials = [commanded([correct(record, changes)]) for record in records]
     suspicions = [_suspicions(trial) for trial in trials]
     common = set.intersection(*suspicions) if suspicions else set()
     bench_of = cache(lambda k: Bench(model, [records[k]], changes))
@@ -167,7 +167,7 @@ def alone(
         if len(rows) == len(records):
             continue
         names = ", ".join(records[k].name for k in rows)
-        line = " or ".join(" and ".join(map(str, way)) for way in (finding.mends, *finding.others))
+        line = " or ".join(" and ".join(map(str, fix)) for fix in (finding.mends, *finding.others))
         text = f"{names} alone: {finding.says}; a mapping for it alone would say {line}"
         out.append(replace(finding, says=text, mends=(), others=()))
         sound -= set(rows)

@@ -38,10 +38,10 @@ def wraps(record: Record, robot: Robot) -> Iterator[Finding]:
             other, _ = _period(commanded, fastest * record.dt)
             roles += ["command_position"] * (abs(other - period) < 0.05 * period)
         what = "q and command" if len(roles) > 1 else "q"
-        says = (f"q of {joint} jumps by {period:.4g} {len(rows)} times, the first at "
+        note = (f"q of {joint} jumps by {period:.4g} {len(rows)} times, the first at "
                 f"{record.t[rows[0]]:.2f} s: {what} wrap" + "s" * (len(roles) == 1))  # fmt: skip
         mends = tuple(Change(MAPPING, WRAP, period, role, joint) for role in roles)
-        yield Finding("wrap", (joint,), says, mends)
+        yield Finding("wrap", (joint,), note, mends)
 
 
 def _period(x: np.ndarray, farthest: float) -> tuple[float, np.ndarray]:
@@ -70,29 +70,29 @@ def base(record: Record, robot: Robot) -> Iterator[Finding]:
     rates = [lags.rates(bridged(x), record.dt) for x in record.signals["q"].T]
     moving = max(float(np.nanpercentile(np.abs(x), 90.0)) for x in rates)
     if robot.fixed_base and turning > LIMITS.turning:
-        says = f"the base is bolted in robot.yaml, but its gyro turns at {turning:.2g} rad/s"
-        yield Finding("base", (), says, (Change(MODEL, "fixed_base", False),))
+        note = f"the base is bolted in robot.yaml, but its gyro turns at {turning:.2g} rad/s"
+        yield Finding("base", (), note, (Change(MODEL, "fixed_base", False),))
     elif not robot.fixed_base and turning < LIMITS.resting and moving > LIMITS.moving:
-        says = (f"the base is free in robot.yaml, but its gyro turns at {turning:.2g} rad/s only "
+        note = (f"the base is free in robot.yaml, but its gyro turns at {turning:.2g} rad/s only "
                 f"while joints move at {moving:.2g} rad/s: bolted")  # fmt: skip
-        yield Finding("base", (), says, (Change(MODEL, "fixed_base", True),))
+        yield Finding("base", (), note, (Change(MODEL, "fixed_base", True),))
 
 
 def turns(bench: Bench) -> list[Finding]:
     """Findings of joints whose positions differ from their commands by whole turns."""
-    trial, found = bench.told(), []
-    kinds = Description(bench.robot.urdf).joint_types()
+    trial, findings = bench.told(), []
+    types = Description(bench.robot.urdf).joint_types()
     for i, joint in enumerate(trial.joints):
-        off = np.concatenate(trial.measured)[:, i] - np.concatenate(trial.said)[:, i]
-        count = round(float(np.nanmedian(off)) / TURN) if np.isfinite(off).any() else 0
-        if not count or kinds.get(joint) == "prismatic":
+        offset = np.concatenate(trial.measured)[:, i] - np.concatenate(trial.said)[:, i]
+        count = round(float(np.nanmedian(offset)) / TURN) if np.isfinite(offset).any() else 0
+        if not count or types.get(joint) == "prismatic":
             continue
-        says = (f"q of {joint} is {np.nanmedian(off):.3g} rad away from its command, about "
+        note = (f"q of {joint} is {np.nanmedian(offset):.3g} rad away from its command, about "
                 f"{count} turns")  # fmt: skip
-        ways = [(Change(MAPPING, OFFSET, -TURN * count, "q", joint),),
+        fixes = [(Change(MAPPING, OFFSET, -TURN * count, "q", joint),),
                 (Change(MAPPING, OFFSET, TURN * count, "command_position", joint),)]  # fmt: skip
-        found += bench.settled("turns", (joint,), says, ways)
-    return found
+        findings += bench.settled("turns", (joint,), note, fixes)
+    return findings
 
 
 def ahead(bench: Bench) -> list[Finding]:
@@ -101,20 +101,20 @@ def ahead(bench: Bench) -> list[Finding]:
     A command that is late by one time at several joints is one finding, of all joints that it
     explains.
     """
-    findings, leads, behind = list[Finding](), dict[str, float](), dict[str, float]()
+    findings, leads, delays = list[Finding](), dict[str, float](), dict[str, float]()
     for joint in bench().joints if not (bench.led or bench.free) else ():
         lead, due, error, expected = _following(bench, joint)
-        behind[joint] = due - lead
+        delays[joint] = due - lead
         if lead < -LIMITS.early * bench.records[0].dt <= due:
             leads[joint] = lead
         elif error < LIMITS.same * expected and lead <= 0.0:
             text = (f"q of {joint} follows its command to {error:.2%}, where the drive would leave "
                     f"{expected:.1%}{MEASURED}")  # fmt: skip
             findings.append(Finding("ahead", (joint,), text))
-            del behind[joint]
-    time = float(np.median([behind[joint] for joint in leads])) if leads else 0.0
+            del delays[joint]
+    time = float(np.median([delays[joint] for joint in leads])) if leads else 0.0
     slack = max(LIMITS.common * time, bench.records[0].dt)
-    common = [joint for joint, by in behind.items() if abs(by - time) < slack]
+    common = [joint for joint, by in delays.items() if abs(by - time) < slack]
     if leads and len(common) > 1 and set(leads) <= set(common):
         text = (f"the commands of {', '.join(common)} are late by {1e3 * time:.3g} ms, and the "
                 f"motion of {', '.join(leads)} is ahead of them{MEASURED}")  # fmt: skip
@@ -127,20 +127,20 @@ def ahead(bench: Bench) -> list[Finding]:
 
 def _following(bench: Bench, joint: str) -> tuple[float, float, float, float]:
     """Delay of a joint after its command, measured and simulated [s]; distances to the command."""
-    told, run = bench.told(), bench()
-    if joint not in told.joints:
+    commands, run = bench.told(), bench()
+    if joint not in commands.joints:
         return 0.0, 0.0, 1.0, 0.0
-    i, k = told.joints.index(joint), run.joints.index(joint)
+    i, k = commands.joints.index(joint), run.joints.index(joint)
     record = bench.told_records()[0]
     command = record.command["position"][:, record.driven.index(joint)]
     q = bridged(record.signals["q"][:, record.joints.index(joint)])
     rates = [lags.rates(x, record.dt) for x in (command, q, bridged(run.said[0][:, k]))]
-    behind = [lags.lag(rates[0], rate, record.dt, lags.SHARPER) for rate in rates[1:]]
-    early, due = (time if alike > lags.LAG_IS_TOLD else 0.0 for time, alike in behind)
+    delays = [lags.lag(rates[0], rate, record.dt, lags.SHARPER) for rate in rates[1:]]
+    lead, due = (time if corr > lags.LAG_IS_TOLD else 0.0 for time, corr in delays)
     size = max(float(np.std(command)), 1e-12)
-    near = float(np.sqrt(np.nanmean((told.measured[0][:, i] - command) ** 2))) / size
+    error = float(np.sqrt(np.nanmean((commands.measured[0][:, i] - command) ** 2))) / size
     usual = float(np.sqrt(np.nanmean((run.said[0][:, k] - command) ** 2))) / size
-    return early, due, near, usual
+    return lead, due, error, usual
 
 
 def regressed(bench: Bench, joint: str) -> tuple[np.ndarray, np.ndarray] | None:
@@ -161,11 +161,11 @@ def regressed(bench: Bench, joint: str) -> tuple[np.ndarray, np.ndarray] | None:
         tables.append(np.stack([error, drive.speed_feed * wish - dq, np.ones(len(q)), tau], axis=1))
     table = np.concatenate([rows[np.isfinite(rows).all(axis=1)] for rows in tables])
     parts = [np.delete(table, part, axis=0) for part in np.array_split(range(len(table)), BLOCKS)]
-    (by, alike), *each = (_fitted(part) for part in (table, *parts))
+    (by, corr), *each = (_fitted(part) for part in (table, *parts))
     error = np.sqrt(BLOCKS - 1.0) * np.std([one for one, _ in each], axis=0)
     by = by * np.sign(by[0])  # the torque may be logged with the other sign
-    sure = alike > LIMITS.exact and by[0] > LIMITS.sure * error[0] and by[1] >= 0.0
-    return (by, error) if sure else None
+    is_significant = corr > LIMITS.exact and by[0] > LIMITS.sure * error[0] and by[1] >= 0.0
+    return (by, error) if is_significant else None
 
 
 def _fitted(table: np.ndarray) -> tuple[np.ndarray, float]:

@@ -24,24 +24,24 @@ from loco_sim.robot.description import Description
 from loco_sim.robot.robot import Robot
 from loco_sim.robot.servo import ImpedanceDrive, TorqueDrive
 
-from ..prediction.led import EDGE, SMOOTH
+from ..prediction.led import SMOOTH, TRIM
 from ..recordings import suspect
 from ..recordings.record import Record, bridged, spacing
 from .bench import Bench, robot_of
-from .commands import swapped
+from .commands import swap
 from .finding import EFFECTS as ADDED
 from .finding import JOINT, MAPPING, MODEL, OFFSET, SCALE, SIGN, UNIT, Change, Finding, roles_of
 from .limits import LIMITS
 from .signals import BLOCKS, regressed
 
 ROWS = 400  # rows of all recordings together at which dynamics are computed (taste: 0.1 s)
-SLOW = 0.05  # speed below which dry friction has no sign, over the rms of a joint (taste)
+REST = 0.05  # speed below which dry friction has no sign, over the rms of a joint (taste)
 STOP = 0.02  # distance from a joint stop over the range, up to which it may hold (taste)
 STEP = 1e-3  # change of a position for a derivative [rad or m]
 APART = np.pi / 12.0  # distance of angles that are tried as another zero [rad] (taste)
 ROUNDS = 4  # fits, each weighted by the errors of the one before (taste)
 FINEST = 0.01  # least error of a torque over its rms: what a model misses at best (taste)
-TAU, TOLD = "tau", "command_torque"
+TAU, CMD = "tau", "command_torque"
 _READ: WeakKeyDictionary[Bench, Torques | None] = WeakKeyDictionary()
 
 
@@ -78,13 +78,13 @@ class Torques:
     def columns(self) -> dict[str, np.ndarray]:
         """Recorded torques by role, (T, n): measured ones, and commands that drives only pass."""
         passed = [isinstance(self.robot.drives.get(j), TorqueDrive) for j in self.robot.joints]
-        return {TAU: self.tau, TOLD: np.where(passed, self.commands[:, :, 0], np.nan)}
+        return {TAU: self.tau, CMD: np.where(passed, self.commands[:, :, 0], np.nan)}
 
     def joint_torques(self, joint: int) -> np.ndarray:
         """Dry and viscous friction and a rotor, of 1 per unit of sign, speed and rate, (T, 3)."""
         speed = self.speed[:, joint]
-        slow = SLOW * np.sqrt(np.mean(speed**2)) + 1e-9
-        return np.stack([np.tanh(speed / slow), speed, self.rate[:, joint]], axis=1)
+        speed_scale = REST * np.sqrt(np.mean(speed**2)) + 1e-9
+        return np.stack([np.tanh(speed / speed_scale), speed, self.rate[:, joint]], axis=1)
 
     def body_torque(self, joint: int) -> np.ndarray:
         """Torque of a joint that inertia and weight of the bodies need, (T,)."""
@@ -116,8 +116,8 @@ class Torques:
         out = np.ones((len(self.robot.joints),) * 2)
         for i, torque in enumerate(sign * self.columns[role].T):
             for j in range(len(out)):
-                causes = [self.motion(j)] if role == TOLD else [self.motion(j), self.drive(j)]
-                out[i, j] = min(explained(cause, torque)[1] for cause in causes)
+                terms = [self.motion(j)] if role == CMD else [self.motion(j), self.drive(j)]
+                out[i, j] = min(explained(term, torque)[1] for term in terms)
         return out
 
     def own_errors(self, role: str) -> np.ndarray:
@@ -152,8 +152,8 @@ class Torques:
 
     def plant(self, *effects: dict) -> Bolted:
         """Dynamics with further effects."""
-        made = from_list([*self.model.effects, *effects])
-        return Bolted(replace(self.robot, sensors=None), made)
+        all_effects = from_list([*self.model.effects, *effects])
+        return Bolted(replace(self.robot, sensors=None), all_effects)
 
 
 def read(bench: Bench) -> Torques | None:
@@ -195,7 +195,7 @@ def _table(record: Record, robot: Robot, count: int) -> dict[str, np.ndarray]:
     margin = STOP * np.where(np.isfinite(high - low), high - low, 0.0)
     at = q[measured]  # far beyond a stop it is none: the limit, or the name of the joint, is wrong
     free = ~np.any((abs(at - low) < margin) | (abs(at - high) < margin), axis=1)
-    inner = measured[(measured >= EDGE * width) & (measured < len(q) - EDGE * width) & free]
+    inner = measured[(measured >= TRIM * width) & (measured < len(q) - TRIM * width) & free]
     rows = inner[np.linspace(0, len(inner) - 1, min(count, len(inner))).astype(int)]
 
     def smooth(values: np.ndarray, order: int = 0) -> np.ndarray:
@@ -219,25 +219,25 @@ def _table(record: Record, robot: Robot, count: int) -> dict[str, np.ndarray]:
 
 
 def explained(
-    causes: np.ndarray, torque: np.ndarray, given: np.ndarray | float = 0.0
+    terms: np.ndarray, torque: np.ndarray, fixed_part: np.ndarray | float = 0.0
 ) -> tuple[np.ndarray, float]:
     """Regression of a torque on causes that do not act backwards, and on a constant.
 
     Args:
-        causes: (T, k).
+        terms: (T, k).
         torque: (T,).
-        given: Part of the torque that is not fitted, (T,).
+        fixed_part: Part of the torque that is not fitted, (T,).
 
     Returns:
         Coefficients, (k,), not negative; the error over the deviation of the torque, 1 if
         something is unknown or the torque hardly changes.
     """
     size = float(np.linalg.norm(torque - torque.mean()))
-    rest, causes = torque - given, causes - causes.mean(axis=0)
-    least = LIMITS.varies * float(np.linalg.norm(torque))
-    if not causes.size or not np.isfinite(rest.sum() + causes.sum()) or not size > least:
-        return np.zeros(causes.shape[1]), 1.0
-    by, error = nnls(causes, rest - rest.mean())
+    rest, terms = torque - fixed_part, terms - terms.mean(axis=0)
+    lowest = LIMITS.varies * float(np.linalg.norm(torque))
+    if not terms.size or not np.isfinite(rest.sum() + terms.sum()) or not size > lowest:
+        return np.zeros(terms.shape[1]), 1.0
+    by, error = nnls(terms, rest - rest.mean())
     return by, float(error) / size
 
 
@@ -250,7 +250,7 @@ def renamed(bench: Bench) -> list[Finding]:
     torques = read(bench)
     if torques is None or not np.isfinite(torques.free).all():
         return []
-    ways = []
+    candidates = []
     for role in torques.columns:
         errors = np.maximum(torques.own_errors(role), FINEST)
         for pair in itertools.combinations(np.flatnonzero(errors < 1.0).tolist(), 2):
@@ -263,15 +263,15 @@ def renamed(bench: Bench) -> list[Finding]:
                 and gains.min() > -np.log(LIMITS.alike)
                 and after[best] <= LIMITS.left
             ):
-                ways.append((float(gains.sum()), pair, best, before, after))
-    if not ways:
+                candidates.append((float(gains.sum()), pair, best, before, after))
+    if not candidates:
         return []
-    _, pair, best, before, after = max(ways, key=lambda way: way[0])
+    _, pair, best, before, after = max(candidates, key=lambda candidate: candidate[0])
     a, b = (torques.robot.joints[i] for i in pair)
-    says = (f"{a} and {b} have each other's name in all columns: with the names exchanged, weight "
+    note = (f"{a} and {b} have each other's name in all columns: with the names exchanged, weight "
             f"and inertia leave {after[best]:.0%} of the torque of {torques.robot.joints[best]} "
             f"unexplained, {before[best]:.0%} as it is")  # fmt: skip
-    finding = Finding("exchanged", (a, b), says, swapped(bench, a, b, ""))
+    finding = Finding("exchanged", (a, b), note, swap(bench, a, b, ""))
     return [finding, *renamed(bench.mended(finding.mends))]
 
 
@@ -286,11 +286,11 @@ def exchanged(bench: Bench) -> list[Finding]:
             if np.any(after > np.minimum(before / LIMITS.better, LIMITS.left)):
                 continue
             pairs = [(torques.robot.joints[i], torques.robot.joints[to[i]]) for i in ring]
-            texts = (f"{role} of {a} is that of {b}: {e:.0%} not explained, {o:.0%} as its own"
+            notes = (f"{role} of {a} is that of {b}: {e:.0%} not explained, {o:.0%} as its own"
                      for (a, b), e, o in zip(pairs, after, before, strict=True))  # fmt: skip
             lines = tuple(Change(MAPPING, JOINT, b, role, a) for a, b in pairs)
             findings.append(
-                Finding("exchanged", tuple(a for a, _ in pairs), ", ".join(texts), lines)
+                Finding("exchanged", tuple(a for a, _ in pairs), ", ".join(notes), lines)
             )
     return findings
 
@@ -374,10 +374,10 @@ def reversed_torques(bench: Bench) -> list[Finding]:
         errors = [np.diag(torques.errors(role, sign)) for sign in (1.0, -1.0)]
         for joint, before, after in zip(torques.robot.joints, *errors, strict=True):
             if after <= min(before / LIMITS.better, LIMITS.left):
-                says = f"{role} of {joint} has the other sign than motion and drive ask for: " \
+                note = f"{role} of {joint} has the other sign than motion and drive ask for: " \
                        f"motion leaves {before:.0%} unexplained, reversed {after:.0%}"  # fmt: skip
                 line = Change(MAPPING, SIGN, -1, role, joint)
-                findings.append(Finding("sign", (joint,), says, (line,)))
+                findings.append(Finding("sign", (joint,), note, (line,)))
     return findings
 
 
@@ -386,9 +386,9 @@ def commanded(bench: Bench) -> list[Finding]:
     torques = read(bench)
     if torques is None:
         return []
-    units = [_unit(torques, i, torque) for i, torque in enumerate(torques.columns[TOLD].T)]
+    units = [_unit(torques, i, torque) for i, torque in enumerate(torques.columns[CMD].T)]
     rows = zip(torques.robot.joints, units, strict=True) if "" in units else ()
-    return [_effort(TOLD, joint, 1.0 / suspect.POWERS[unit], unit) for joint, unit in rows if unit]
+    return [_effort(CMD, joint, 1.0 / suspect.POWERS[unit], unit) for joint, unit in rows if unit]
 
 
 def effort(bench: Bench) -> list[Finding]:
@@ -414,9 +414,9 @@ def _effort(role: str, joint: str, ratio: float, unit: str = "") -> Finding:
     what = f"probably it is in {unit.replace(' ', '·')}" if unit else (
         f"a current in A, of {1.0 / ratio:.3g} N·m per A, or raw counts? Here it is taken so"
     )  # fmt: skip
-    says = f"{role} of {joint} is {ratio:.3g} times what inertia, weight and drive ask for: {what}"
+    note = f"{role} of {joint} is {ratio:.3g} times what inertia, weight and drive ask for: {what}"
     line = Change(MAPPING, *((UNIT, unit) if unit else (SCALE, 1.0 / ratio)), role, joint)
-    return Finding("effort", (joint,), says, (line,), stops=False)
+    return Finding("effort", (joint,), note, (line,), stops=False)
 
 
 def _unit(torques: Torques, joint: int, torque: np.ndarray) -> str | None:
@@ -424,22 +424,22 @@ def _unit(torques: Torques, joint: int, torque: np.ndarray) -> str | None:
 
     Friction and the rotor of the joint, which the model may lack, are fitted.
     """
-    body, causes = torques.body_torque(joint), torques.joint_torques(joint)
+    body, terms = torques.body_torque(joint), torques.joint_torques(joint)
     sizes = {"": 1.0, **suspect.POWERS}
-    errors = {unit: explained(causes, size * torque, body)[1] for unit, size in sizes.items()}
+    errors = {unit: explained(terms, size * torque, body)[1] for unit, size in sizes.items()}
     unit = min(errors, key=errors.get)
     limits = [errors[""]] if unit else []
-    limits.append(explained(causes, torque)[1])  # inertia and weight must matter
+    limits.append(explained(terms, torque)[1])  # inertia and weight must matter
     limit = min(LIMITS.left, *np.divide(limits, LIMITS.better))
     return unit if errors[unit] <= limit else None
 
 
 def _ratio(torques: Torques, joint: int, torque: np.ndarray) -> tuple[float, bool]:
     """Ratio of a torque to what inertia and weight need, and whether it is well determined."""
-    causes = torques.motion(joint)[:, :-1]
-    (by, *_), error = explained(causes, torque)
+    terms = torques.motion(joint)[:, :-1]
+    (by, *_), error = explained(terms, torque)
     parts = np.array_split(np.arange(len(torque)), BLOCKS) if by > 0.0 else ()
-    each = [explained(np.delete(causes, part, axis=0), np.delete(torque, part))[0][0]
+    each = [explained(np.delete(terms, part, axis=0), np.delete(torque, part))[0][0]
             for part in parts]  # fmt: skip
     determined = by > LIMITS.sure * np.sqrt(BLOCKS - 1.0) * np.std(each) if each else False
     return float(by), bool(determined and error < LIMITS.explained)
@@ -466,12 +466,12 @@ class Residual:
         friction = np.array(
             [np.linalg.qr(torques.joint_torques(i))[0] for i in range(len(measured))]
         )
-        least = FINEST * np.sqrt(np.mean(np.where(measured, torque, 0.0) ** 2, axis=0)) + 1e-9
-        residual = Residual(values, friction, measured / np.max(least))
+        floor = FINEST * np.sqrt(np.mean(np.where(measured, torque, 0.0) ** 2, axis=0)) + 1e-9
+        residual = Residual(values, friction, measured / np.max(floor))
         for _ in range(ROUNDS):
             by = residual.fitted(torques.weight)[0]
             rest = residual.without((values - torques.weight @ by)[..., None])[..., 0]
-            error = np.maximum(np.sqrt(np.mean(rest**2, axis=0)), least)
+            error = np.maximum(np.sqrt(np.mean(rest**2, axis=0)), floor)
             residual = replace(residual, weights=measured / error)
         return residual
 
@@ -533,8 +533,8 @@ def inclined(bench: Bench) -> list[Finding]:
     before, after = (
         residual.error(torques.weight, x) for x in (np.zeros(3), down - torques.gravity)
     )
-    least = EFFECTS["slope"].identity.priors["pitch"].high + LIMITS.doubt * error / pull
-    if angle < least or after > before / LIMITS.better:
+    min_angle = EFFECTS["slope"].identity.priors["pitch"].high + LIMITS.doubt * error / pull
+    if angle < min_angle or after > before / LIMITS.better:
         return []
     if any(
         residual.fitted(columns)[2] < LIMITS.alike * after
@@ -548,9 +548,9 @@ def inclined(bench: Bench) -> list[Finding]:
     spec = {"name": "slope", **_slope(torques.gravity, down)}
     pose = "upside down" if angle > 0.9 * np.pi else "inclined"
     angles = f"{np.degrees(angle):.1f} ± {np.degrees(error / pull):.1f} degrees"
-    says = f"by the torques that hold the weight it pulls {angles} away from where the model has " \
+    note = f"by the torques that hold the weight it pulls {angles} away from where the model has " \
            f"it: the base is {pose}"  # fmt: skip
-    return [Finding("gravity turned", (), says, (Change(MODEL, ADDED, (spec,)),))]
+    return [Finding("gravity turned", (), note, (Change(MODEL, ADDED, (spec,)),))]
 
 
 def _slope(gravity: np.ndarray, down: np.ndarray) -> dict[str, float]:
@@ -586,9 +586,9 @@ def _rivals_of(torques: Torques, residual: Residual) -> Iterator[np.ndarray]:
             residual.fitted(columns)[0][0]
         ):
             yield columns
-        places = ([0.0, 0.0, 0.0], *np.eye(3).tolist())
+        positions = ([0.0, 0.0, 0.0], *np.eye(3).tolist())
         body = {"name": "payload", "link": text.child(joint), "mass": 1.0}
-        loaded = (torques.plant({**body, "position": at}) for at in places)
+        loaded = (torques.plant({**body, "position": at}) for at in positions)
         yield np.stack(
             [p.needed(torques.q, none, none)[1] @ torques.gravity - holding for p in loaded], 2
         )

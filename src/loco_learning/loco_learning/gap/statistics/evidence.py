@@ -25,9 +25,9 @@ from scipy.special import gammaln, logsumexp, ndtri, stdtrit
 
 NU = 5.0  # degrees of freedom of the density
 LIMIT = 1e5  # [floors] largest whitened residual, and that of a model that diverged
-FEW = 8  # smallest number of independent values of a channel in all records
+MIN_VALUES = 8  # smallest number of independent values of a channel in all records
 SURE_RATIO = 2.0  # rms of two models from which on few blocks are no reason for doubt
-ALIKE = 16  # blocks of all records that are the same for all models
+N_BLOCKS = 16  # blocks of all records that are the same for all models
 MOST_ODDS = 1e9
 LEAST_FREEDOM = 4.0  # degrees of freedom of Student's law for intervals from few blocks
 TOLERANCE = 0.3  # [floors] slow error that any model is allowed to have
@@ -176,13 +176,13 @@ def correlation_time(x: np.ndarray) -> float:
     return float(np.clip(sums[stop[0]] if len(stop) else sums.max(), 1.0, len(y)))
 
 
-def odds(gain: float, spread: float) -> float:
+def odds(gain: float, std: float) -> float:
     """Expected odds for a gain in log-likelihood with a standard deviation [nat].
 
     Average of the posterior probability over a normal law of the gain, in MacKay's closed
     form: ``log odds = gain / sqrt(1 + pi spread² / 8)``.
     """
-    power = gain / math.sqrt(1.0 + math.pi * spread**2 / 8.0)
+    power = gain / math.sqrt(1.0 + math.pi * std**2 / 8.0)
     return float(np.clip(math.exp(np.clip(power, -700.0, 700.0)), 1.0 / MOST_ODDS, MOST_ODDS))
 
 
@@ -209,7 +209,7 @@ def log_weights(
         draws: Bootstrap samples.
     """
     pairs = [_common(scores[first], s) for s in scores]
-    sums, pieces, wide = (np.array(x) for x in zip(*pairs, strict=True))
+    sums, blocks, wide = (np.array(x) for x in zip(*pairs, strict=True))
     count, prices = sums.shape[1], np.asarray(prices, dtype=float)
     sign = np.where(sums.sum(1) > 0.0, 1.0, -1.0)
     ratio, total = np.array([
@@ -217,15 +217,15 @@ def log_weights(
         for s, up in zip(scores, sign, strict=True)
     ]).T  # fmt: skip
     index = rng.choice(count, (draws, count))
-    few = stdtrit(max(count - 1.0, LEAST_FREEDOM), 0.975) / ndtri(0.975)
+    quantile = stdtrit(max(count - 1.0, LEAST_FREEDOM), 0.975) / ndtri(0.975)
     low, high = np.minimum(-prices, 0.0), np.maximum(-prices, 0.0)
-    results, most = [], math.log(BLOCK_IS_WON)
-    for x in (sums, np.clip(sums, -most, most)):
+    results, bound = [], math.log(BLOCK_IS_WON)
+    for x in (sums, np.clip(sums, -bound, bound)):
         gain = x.sum(1)
         drawn = x[:, index].sum(2) - gain[:, None]
-        power = -(gain + prices)[:, None] + CAUTION * few * wide[:, None] * drawn  # (M, draws)
+        power = -(gain + prices)[:, None] + CAUTION * quantile * wide[:, None] * drawn  # (M, draws)
         logs = logsumexp(power - logsumexp(power, axis=0), axis=1)
-        k = np.minimum(np.square(np.abs(x).sum(1)) / np.fmax(np.square(x).sum(1), 1e-300), pieces)
+        k = np.minimum(np.square(np.abs(x).sum(1)) / np.fmax(np.square(x).sum(1), 1e-300), blocks)
         logs = np.clip(logs - logs[first], low - k * np.log(ratio), high + k * np.log(ratio))
         by_size = np.where(total >= SURE_RATIO, -sign * k * np.log(total) - prices, 0.0)
         larger = (sign * by_size < 0.0) & (sign * by_size < sign * logs)
@@ -240,19 +240,19 @@ def _common(a: Score, b: Score) -> tuple[np.ndarray, float, float]:
     The width is the factor on the spread of blocks that are too short to be independent.
     """
     ticks, times = _gains(a, b)
-    length = max(sum(map(len, ticks)) / ALIKE, 1.0)
+    length = max(sum(map(len, ticks)) / N_BLOCKS, 1.0)
     parts = [np.array_split(each, max(1, round(len(each) / length))) for each in ticks if len(each)]
     pairs = [(each, long) for each, long in zip(ticks, times, strict=True) if len(each)]
-    pieces = sum(len(each) / long for each, long in pairs)
+    blocks = sum(len(each) / long for each, long in pairs)
     wide = max(1.0, *(2.0 * long / length for _, long in pairs))
-    return np.array([part.sum() for each in parts for part in each]), pieces, math.sqrt(wide)
+    return np.array([part.sum() for each in parts for part in each]), blocks, math.sqrt(wide)
 
 
-def _ratios(better: Score, worse: Score) -> tuple[float, float]:
+def _ratios(first: Score, second: Score) -> tuple[float, float]:
     """Ratios of the rms of two models: the largest of a channel, at least 2, and of all data."""
-    small, large = (np.fmax(by_channel(s.residuals), 1.0) for s in (better, worse))
-    whole = max(worse.rms, 1.0) / max(better.rms, 1.0)
-    return max(2.0, float(np.max(large / small))), whole
+    small, large = (np.fmax(by_channel(s.residuals), 1.0) for s in (first, second))
+    total = max(second.rms, 1.0) / max(first.rms, 1.0)
+    return max(2.0, float(np.max(large / small))), total
 
 
 def _noise(scores: Sequence[Score]) -> tuple[np.ndarray, np.ndarray]:
@@ -286,13 +286,13 @@ def _count(records: Sequence[np.ndarray], tau: np.ndarray) -> float:
 def _gains(a: Score, b: Score) -> tuple[list[np.ndarray], list[float]]:
     """Gain of `a` over `b` in each measured row [nat], (T,) per record, and correlation times."""
     scale, tau = _noise((a, b))
-    seen = [np.isfinite(r).any(1) for r in a.residuals]
-    total = sum(int(rows.sum()) for rows in seen)
+    valid = [np.isfinite(r).any(1) for r in a.residuals]
+    total = sum(int(rows.sum()) for rows in valid)
     counts = np.array([np.isfinite(r).sum(0) for r in a.residuals])  # (R, C)
-    most = np.maximum(counts.sum(0) / FEW, 1.0)
-    wide = np.minimum(np.maximum(tau, _allowance(a, b)), most)
+    max_width = np.maximum(counts.sum(0) / MIN_VALUES, 1.0)
+    wide = np.minimum(np.maximum(tau, _allowance(a, b)), max_width)
     pairs = zip(_ticks(a.residuals, scale, wide), _ticks(b.residuals, scale, wide), strict=True)
-    ticks = [(x - y)[rows] for (x, y), rows in zip(pairs, seen, strict=True)]
+    ticks = [(x - y)[rows] for (x, y), rows in zip(pairs, valid, strict=True)]
     mean = sum(float(x.sum()) for x in ticks) / max(total, 1)
     times = []
     for each, taus, count in zip(ticks, tau, counts, strict=True):
@@ -314,11 +314,11 @@ def _ticks(records: Sequence[np.ndarray], scale: np.ndarray, tau: np.ndarray) ->
 def _scale(r: np.ndarray) -> np.ndarray:
     """Scale of the Student-t law that fits each channel best, (C,), at least 1."""
     square = np.square(r)
-    seen = np.maximum(np.isfinite(r).sum(0), 1)
-    s2 = np.maximum(np.nansum(square, axis=0) / seen, 1.0)
+    counts = np.maximum(np.isfinite(r).sum(0), 1)
+    s2 = np.maximum(np.nansum(square, axis=0) / counts, 1.0)
     for _ in range(30):  # expectation-maximisation
         weight, before = (NU + 1) / (NU + square / s2), s2
-        s2 = np.maximum(np.nansum(weight * square, axis=0) / seen, 1.0)
+        s2 = np.maximum(np.nansum(weight * square, axis=0) / counts, 1.0)
         if np.array_equal(s2, before):
             break
     return np.sqrt(s2)

@@ -15,7 +15,7 @@ import numpy as np
 from scipy.ndimage import gaussian_filter1d
 
 PART = 0.3  # width of the smoothing over the time scale of motion or torque (taste)
-EDGE = 5.0  # smoothing widths from either end that are not used (theory)
+TRIM = 5.0  # smoothing widths from either end that are not used (theory)
 STEEP = 3.0  # slope of the tanh of dry friction, over the rms velocity (taste)
 
 
@@ -58,9 +58,9 @@ def free(motions: Sequence[tuple[np.ndarray, np.ndarray, float]]) -> Free:
 
 def _time(signals: Sequence[tuple[np.ndarray, float]]) -> float:
     """Time scale of signals: standard deviation over rms derivative [s]."""
-    spread = np.mean([np.var(x) for x, _ in signals])
+    variance = np.mean([np.var(x) for x, _ in signals])
     rate = np.mean([np.mean(np.square(np.gradient(x) / dt)) for x, dt in signals])
-    return float(np.sqrt(spread / max(rate, 1e-300)))
+    return float(np.sqrt(variance / max(rate, 1e-300)))
 
 
 def _smoothed(
@@ -69,8 +69,8 @@ def _smoothed(
     """Acceleration, velocity, position and 1, (T, 4), and torque, (T,), smoothed, without ends."""
     wide = max(1.0, width / dt)
     sides = [gaussian_filter1d(q, wide, order=n, mode="nearest") / dt**n for n in (2, 1, 0)]
-    edge = min(round(EDGE * wide), (len(q) - 1) // 3)
-    inside = slice(edge, len(q) - edge)
+    margin = min(round(TRIM * wide), (len(q) - 1) // 3)
+    inside = slice(margin, len(q) - margin)
     left = np.column_stack([*sides, np.ones(len(q))])[inside]
     return left, gaussian_filter1d(torque, wide, mode="nearest")[inside]
 

@@ -72,13 +72,13 @@ class Stability:
     probability: np.ndarray
 
 
-def flat(residuals: Sequence[np.ndarray]) -> np.ndarray:
+def pack(residuals: Sequence[np.ndarray]) -> np.ndarray:
     """Residuals, or sensitivities to one parameter, of all records as a vector, (N,)."""
     return np.concatenate([np.ravel(r) for r in residuals])
 
 
 def weights(score: Score) -> np.ndarray:
-    """Information of each value of `flat` [1/floor²]: 1 / (tau scale²), 0 where not measured."""
+    """Information of each value of `pack` [1/floor²]: 1 / (tau scale²), 0 where not measured."""
     rows = []
     for r, tau in zip(score.residuals, score.tau, strict=True):
         rows.append(np.where(np.isfinite(r), 1.0 / (tau * score.scale**2), 0.0).ravel())
@@ -101,26 +101,26 @@ def analyse(
     """
     j = _weighted(columns, weight)
     lengths = np.linalg.norm(j, axis=0)
-    alive = lengths > DEAD
+    nonzero = lengths > DEAD
     errors, errors_alone = standard_errors(columns, weight), np.full(len(names), np.inf)
-    errors_alone[alive] = 1.0 / lengths[alive]
-    kept = [name for name, lives in zip(names, alive, strict=True) if lives]
-    worst, worst_error, condition = _worst(j[:, alive], kept)
+    errors_alone[nonzero] = 1.0 / lengths[nonzero]
+    selected = [name for name, lives in zip(names, nonzero, strict=True) if lives]
+    direction, worst_error, condition = _least_determined(j[:, nonzero], selected)
     free = [i for i, name in enumerate(names) if name not in set(nuisance)]
-    others = [i for i in range(len(names)) if i not in free]
-    cosines = _cosines(j, free, others)
+    nuisance_indices = [i for i in range(len(names)) if i not in free]
+    cosines = _cosines(j, free, nuisance_indices)
     return Identifiability(
         tuple(names),
         errors,
         errors_alone,
-        tuple(name for name, lives in zip(names, alive, strict=True) if not lives),
-        tuple(n for n, e, lives in zip(names, errors, alive, strict=True) if lives and e > 1.0),
+        tuple(name for name, lives in zip(names, nonzero, strict=True) if not lives),
+        tuple(n for n, e, lives in zip(names, errors, nonzero, strict=True) if lives and e > 1.0),
         _pairs(cosines, [names[i] for i in free]),
         cosines,
-        worst,
+        direction,
         worst_error,
         condition,
-        {names[i]: imitated(j[:, i], j[:, others]) for i in free},
+        {names[i]: cosine(j[:, i], j[:, nuisance_indices]) for i in free},
     )
 
 
@@ -132,9 +132,9 @@ def standard_errors(columns: np.ndarray, weight: np.ndarray | float = 1.0) -> np
         weight: Information per row (`weights`), (N,) or one for all.
     """
     j = _weighted(columns, weight)
-    alive, errors = np.linalg.norm(j, axis=0) > DEAD, np.full(j.shape[1], np.inf)
-    if alive.any():
-        errors[alive] = np.sqrt(np.diag(_covariance(j[:, alive])))
+    nonzero, errors = np.linalg.norm(j, axis=0) > DEAD, np.full(j.shape[1], np.inf)
+    if nonzero.any():
+        errors[nonzero] = np.sqrt(np.diag(_covariance(j[:, nonzero])))
     return errors
 
 
@@ -155,29 +155,29 @@ def stability(
         groups: (N,) index of the part to which each row belongs.
         weight: Information per row (`weights`), (N,) or one for all.
     """
-    whole = np.isfinite(columns).all(1) & np.isfinite(residual)
-    root = np.sqrt(np.broadcast_to(weight, whole.shape))[whole]
-    j, r, groups = columns[whole] * root[:, None], residual[whole] * root, groups[whole]
+    complete = np.isfinite(columns).all(1) & np.isfinite(residual)
+    root = np.sqrt(np.broadcast_to(weight, complete.shape))[complete]
+    j, r, groups = columns[complete] * root[:, None], residual[complete] * root, groups[complete]
     keys = np.unique(groups)
     shifts, errors = np.full((2, len(keys), columns.shape[1]), np.nan)
     for g, key in enumerate(keys):
         rows = groups == key
-        alive = np.linalg.norm(j[rows], axis=0) > DEAD
-        if not alive.any():
+        nonzero = np.linalg.norm(j[rows], axis=0) > DEAD
+        if not nonzero.any():
             continue
-        covariance = _covariance(j[rows][:, alive])
-        shifts[g, alive] = -covariance @ (j[rows][:, alive].T @ r[rows])
-        errors[g, alive] = np.sqrt(np.diag(covariance))
-    spread, probability = np.zeros(columns.shape[1]), np.ones(columns.shape[1])
+        covariance = _covariance(j[rows][:, nonzero])
+        shifts[g, nonzero] = -covariance @ (j[rows][:, nonzero].T @ r[rows])
+        errors[g, nonzero] = np.sqrt(np.diag(covariance))
+    scatter, probability = np.zeros(columns.shape[1]), np.ones(columns.shape[1])
     for p in range(columns.shape[1]):
-        spread[p], probability[p] = _heterogeneity(shifts[:, p], errors[:, p])
-    return Stability(shifts, errors, spread, probability)
+        scatter[p], probability[p] = _heterogeneity(shifts[:, p], errors[:, p])
+    return Stability(shifts, errors, scatter, probability)
 
 
 def _weighted(columns: np.ndarray, weight: np.ndarray | float) -> np.ndarray:
     """Columns times the root of the weight, without incomplete rows."""
-    whole = np.isfinite(columns).all(1)
-    return columns[whole] * np.sqrt(np.broadcast_to(weight, whole.shape))[whole, None]
+    complete = np.isfinite(columns).all(1)
+    return columns[complete] * np.sqrt(np.broadcast_to(weight, complete.shape))[complete, None]
 
 
 def _covariance(j: np.ndarray) -> np.ndarray:
@@ -187,7 +187,7 @@ def _covariance(j: np.ndarray) -> np.ndarray:
     return (vt.T / s**2) @ vt
 
 
-def _worst(j: np.ndarray, names: Sequence[str]) -> tuple[str, float, float]:
+def _least_determined(j: np.ndarray, names: Sequence[str]) -> tuple[str, float, float]:
     """Least determined direction in words, its standard error, and the condition number."""
     if not names:
         return "no parameter changes the prediction", math.inf, math.inf
@@ -195,13 +195,13 @@ def _worst(j: np.ndarray, names: Sequence[str]) -> tuple[str, float, float]:
     s = np.maximum(s, 1e-9 * s[0])
     direction = vt[-1] * np.sign(vt[-1][np.abs(vt[-1]).argmax()])
     order = np.argsort(-np.abs(direction), kind="stable")
-    told = [i for i in order if abs(direction[i]) >= 0.3 * abs(direction[order[0]])][:4]
-    words = [f"{_words(names[i])} {'up' if direction[i] > 0 else 'down'}" for i in told]
-    text = " with ".join([words[0], " and ".join(words[1:])] if words[1:] else words)
+    leading = [i for i in order if abs(direction[i]) >= 0.3 * abs(direction[order[0]])][:4]
+    phrases = [f"{_readable(names[i])} {'up' if direction[i] > 0 else 'down'}" for i in leading]
+    text = " with ".join([phrases[0], " and ".join(phrases[1:])] if phrases[1:] else phrases)
     return text, float(1.0 / s[-1]), float(s[0] / s[-1])
 
 
-def _words(name: str) -> str:
+def _readable(name: str) -> str:
     return name.replace("_", " ").replace(".", " ")
 
 
@@ -217,30 +217,30 @@ def _cosines(j: np.ndarray, free: Sequence[int], nuisance: Sequence[int]) -> np.
     return unit.T @ unit
 
 
-def imitated(column: np.ndarray, nuisance: np.ndarray) -> float:
+def cosine(column: np.ndarray, nuisance: np.ndarray) -> float:
     """Cosine of a column with its projection on others."""
     length = float(np.linalg.norm(column))
     if not nuisance.size or length <= DEAD:
         return 0.0
-    made = nuisance @ np.linalg.lstsq(nuisance, column, rcond=1e-9)[0]
-    return float(np.linalg.norm(made)) / length
+    projection = nuisance @ np.linalg.lstsq(nuisance, column, rcond=1e-9)[0]
+    return float(np.linalg.norm(projection)) / length
 
 
 def _pairs(cosines: np.ndarray, names: Sequence[str]) -> tuple[tuple[str, str, float], ...]:
-    found = []
+    pairs = []
     for a in range(len(names)):
         for b in range(a + 1, len(names)):
             if abs(cosines[a, b]) > SAME_DIRECTION:
-                found.append((names[a], names[b], float(cosines[a, b])))
-    return tuple(found)
+                pairs.append((names[a], names[b], float(cosines[a, b])))
+    return tuple(pairs)
 
 
 def _heterogeneity(shifts: np.ndarray, errors: np.ndarray) -> tuple[float, float]:
     """Spread of estimates beyond their errors, and the probability of such a spread by chance."""
-    known = np.isfinite(shifts) & np.isfinite(errors) & (errors < 1e6)
-    if known.sum() < 2:
+    valid = np.isfinite(shifts) & np.isfinite(errors) & (errors < 1e6)
+    if valid.sum() < 2:
         return 0.0, 1.0
-    x, w = shifts[known], 1.0 / errors[known] ** 2
+    x, w = shifts[valid], 1.0 / errors[valid] ** 2
     mean = (w * x).sum() / w.sum()
     q = float((w * (x - mean) ** 2).sum())
     freedom = len(x) - 1

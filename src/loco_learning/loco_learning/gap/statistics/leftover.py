@@ -78,7 +78,7 @@ def has_gap(residuals: Sequence[np.ndarray], limits: Limits = LIMITS) -> bool:
 def adequate(
     before: Sequence[np.ndarray],
     after: Sequence[np.ndarray],
-    enough: np.ndarray | None = None,
+    levels: np.ndarray | None = None,
     limits: Limits = LIMITS,
 ) -> bool:
     """True if each channel of each record is near the floor, or most of its gap is closed.
@@ -86,11 +86,11 @@ def adequate(
     Args:
         before: Whitened residuals of the initial model, (T, C) per record.
         after: Whitened residuals of the selected model, (T, C) per record.
-        enough: Rms over all records [floors] up to which a channel counts as explained, (C,).
+        levels: Rms over all records [floors] up to which a channel counts as explained, (C,).
         limits: Conditions.
     """
     total = evidence.by_channel(after)
-    left = [c for c, rms in enumerate(total) if enough is None or rms > enough[c]]
+    left = [c for c, rms in enumerate(total) if levels is None or rms > levels[c]]
     for old, new in zip(before, after, strict=True):
         noise = explained([new], limits)
         for column in left:

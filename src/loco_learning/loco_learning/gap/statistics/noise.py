@@ -18,7 +18,7 @@ from functools import lru_cache
 
 import numpy as np
 
-ORDERS = (2, 3, 4, 5, 6)
+DIFFERENCE_ORDERS = (2, 3, 4, 5, 6)
 FEWEST = 8  # smallest number of differences of an order
 SEED = 7_290_418_553  # seed of dither; simulated noise has small seeds, so both are independent
 DITHERS = 16  # draws of dither on each record: a single one doubles the spread of the estimate
@@ -38,39 +38,39 @@ def floor(
     Args:
         measured: One (T, C) array per record; NaN where nothing was measured.
         resolution: Quantisation step per channel, (C,) or one for all; 0 if none is detected.
-        signals: Signal of each channel, (C,), for `least`; by default none is a torque.
+        signals: Signal of each channel, (C,), for `minimum_floor`; by default none is a torque.
 
     Returns:
-        (C,) floors, all above 0: the largest of noise, step / sqrt(12) and `least`.
+        (C,) floors, all above 0: the largest of noise, step / sqrt(12) and `minimum_floor`.
     """
     columns = [[record[:, c] for record in measured] for c in range(measured[0].shape[1])]
     rounding = np.broadcast_to(np.asarray(resolution, dtype=float), len(columns))
     noise = np.array([white(c, step) for c, step in zip(columns, rounding, strict=True)])
     steps = rounding / math.sqrt(12.0)
-    spread = np.array([_deviation(column) for column in columns])
-    return np.maximum(np.maximum(noise, steps), least(spread, signals))
+    deviations = np.array([_deviation(column) for column in columns])
+    return np.maximum(np.maximum(noise, steps), minimum_floor(deviations, signals))
 
 
-def least(spread: np.ndarray, signals: Sequence[str] = ()) -> np.ndarray:
+def minimum_floor(deviations: np.ndarray, signals: Sequence[str] = ()) -> np.ndarray:
     """Smallest floor of each channel, so that noise-free data do not need a perfect model, (C,).
 
     It is a share of the channel's standard deviation. The torque sensors of a robot are alike, so
     that none has a floor below a share of the largest torque deviation.
 
     Args:
-        spread: Standard deviation of each channel, (C,).
+        deviations: Standard deviation of each channel, (C,).
         signals: Signal of each channel, (C,); by default none is a torque.
     """
-    torques = np.array([signal == "tau" for signal in signals or [""] * len(spread)])
-    own = np.where(torques, EFFORT, RELATIVE) * spread
-    alike = BUSIEST_SHARE * np.max(spread, where=torques, initial=0.0) * torques
-    return np.maximum(np.maximum(own, alike), np.finfo(float).tiny ** 0.5)
+    torques = np.array([signal == "tau" for signal in signals or [""] * len(deviations)])
+    relative = np.where(torques, EFFORT, RELATIVE) * deviations
+    common = BUSIEST_SHARE * np.max(deviations, where=torques, initial=0.0) * torques
+    return np.maximum(np.maximum(relative, common), np.finfo(float).tiny ** 0.5)
 
 
 def white(
     columns: Sequence[np.ndarray],
     step: float = 0.0,
-    orders: Sequence[int] = ORDERS,
+    orders: Sequence[int] = DIFFERENCE_ORDERS,
     fewest: int = FEWEST,
 ) -> float:
     """Standard deviation of the white noise in a channel's records; 0 with too few samples.
@@ -90,12 +90,12 @@ def white(
 def _lowest(columns: tuple[bytes, ...], step: float, orders: tuple[int, ...], fewest: int) -> float:
     """`white` of columns as bytes: trials of a set-up change one joint of many."""
     dithered = [_dithered(np.frombuffer(column), step) for column in columns]
-    found = []
+    estimates = []
     for order in orders:
         values = [_differences(column, order) for column in dithered]
         if sum(map(len, values)) >= fewest:
-            found.append(_white(np.concatenate(values).ravel(), order, step))
-    return min(found, default=0.0)
+            estimates.append(_white(np.concatenate(values).ravel(), order, step))
+    return min(estimates, default=0.0)
 
 
 def _white(values: np.ndarray, order: int, step: float) -> float:

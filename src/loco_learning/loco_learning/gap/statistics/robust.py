@@ -16,33 +16,33 @@ from scipy.special import stdtrit
 
 from .identify import DEAD
 
-FEW = 4  # smallest number of clusters: Student's law of one draw is useless (taste)
+MIN_CLUSTERS = 4  # smallest number of clusters: Student's law of one draw is useless (taste)
 
 
-def clusters(whole: Sequence[np.ndarray], begun: Sequence[Sequence[int]]) -> np.ndarray:
+def clusters(residuals: Sequence[np.ndarray], starts: Sequence[Sequence[int]]) -> np.ndarray:
     """Cluster of each value of `identify.flat`, (N,).
 
     A cluster is a record, or each of its pieces that restarts from a measured state; if there are
-    fewer than `FEW` in all, each is divided evenly.
+    fewer than `MIN_CLUSTERS` in all, each is divided evenly.
 
     Args:
-        whole: Residuals of each record, (T, C).
-        begun: First row of each of its pieces but the first, for each record.
+        residuals: Residuals of each record, (T, C).
+        starts: First row of each of its pieces but the first, for each record.
     """
-    parts = -(-FEW // max(sum(len(rows) + 1 for rows in begun), 1))
+    parts = -(-MIN_CLUSTERS // max(sum(len(rows) + 1 for rows in starts), 1))
     groups, before = [], 0
-    for r, rows in zip(whole, begun, strict=True):
-        ends = np.array([0, *rows, len(r)])
-        piece = np.repeat(np.arange(len(ends) - 1), np.diff(ends))
-        part = (np.arange(len(r)) - ends[piece]) * parts // np.diff(ends)[piece]
-        groups.append(np.repeat(before + parts * piece + part, r.shape[1]))
-        before += parts * (len(ends) - 1)
+    for r, rows in zip(residuals, starts, strict=True):
+        edges = np.array([0, *rows, len(r)])
+        segment = np.repeat(np.arange(len(edges) - 1), np.diff(edges))
+        part = (np.arange(len(r)) - edges[segment]) * parts // np.diff(edges)[segment]
+        groups.append(np.repeat(before + parts * segment + part, r.shape[1]))
+        before += parts * (len(edges) - 1)
     return np.concatenate(groups)
 
 
 def half_widths(
     columns: np.ndarray,
-    doubts: np.ndarray,
+    extra: np.ndarray,
     residual: np.ndarray,
     groups: np.ndarray,
     weight: np.ndarray,
@@ -55,32 +55,32 @@ def half_widths(
 
     Args:
         columns: (N, P) change of the residual [floors] per unit of a parameter, at the fit.
-        doubts: (N, K) the same per standard deviation of each uncertain value.
+        extra: (N, K) the same per standard deviation of each uncertain value.
         residual: (N,) predicted minus measured [floors], NaN = not measured.
         groups: (N,) cluster of each row.
         weight: (N,) information of each row (`identify.weights`).
         at: (K,) current deviations of the uncertain values; 0 by default.
     """
-    both = np.concatenate([columns, doubts], axis=1)
+    both = np.concatenate([columns, extra], axis=1)
     used = np.isfinite(both).all(1) & np.isfinite(residual) & (weight > 0.0)
     count, root = columns.shape[1], np.sqrt(weight[used])
     j, r, groups = both[used] * root[:, None], residual[used] * root, groups[used]
-    half = np.full(count, np.inf)
-    alive = np.linalg.norm(j[:, :count], axis=0) > DEAD
+    widths = np.full(count, np.inf)
+    live = np.linalg.norm(j[:, :count], axis=0) > DEAD
     keys = np.unique(groups)
-    if len(keys) < 2 or not alive.any():
-        return half
-    mine, free = j[:, :count][:, alive], np.concatenate([j[:, :count][:, alive], j[:, count:]], 1)
-    prior = np.diag([0.0] * mine.shape[1] + [1.0] * (free.shape[1] - mine.shape[1]))
-    given, joint = _inverse(mine.T @ mine), _inverse(free.T @ free + prior)
-    pulls = np.array([given @ (mine[groups == k].T @ r[groups == k]) for k in keys])
-    apart = len(keys) / (len(keys) - 1.0) * np.square(pulls).sum(0)
+    if len(keys) < 2 or not live.any():
+        return widths
+    fit, free = j[:, :count][:, live], np.concatenate([j[:, :count][:, live], j[:, count:]], 1)
+    prior = np.diag([0.0] * fit.shape[1] + [1.0] * (free.shape[1] - fit.shape[1]))
+    inverse, joint = _inverse(fit.T @ fit), _inverse(free.T @ free + prior)
+    pulls = np.array([inverse @ (fit[groups == k].T @ r[groups == k]) for k in keys])
+    variance = len(keys) / (len(keys) - 1.0) * np.square(pulls).sum(0)
     pull = free.T @ r
-    pull[mine.shape[1] :] += 0.0 if at is None else at
-    noise, moved = np.diag(joint)[: len(apart)], (joint @ pull)[: len(apart)]
+    pull[fit.shape[1] :] += 0.0 if at is None else at
+    noise, moved = np.diag(joint)[: len(variance)], (joint @ pull)[: len(variance)]
     quantile = stdtrit(len(keys) - 1, 0.975)
-    half[alive] = quantile * np.sqrt(apart + noise + np.square(moved))
-    return half
+    widths[live] = quantile * np.sqrt(variance + noise + np.square(moved))
+    return widths
 
 
 def _inverse(gram: np.ndarray) -> np.ndarray:

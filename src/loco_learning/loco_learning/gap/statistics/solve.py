@@ -15,11 +15,11 @@ import numpy as np
 
 LONGEST_STEP = 1.5  # largest step of a coordinate, in its units
 SMALL = 1e-4  # relative decrease of the cost that is not worth a simulation
-FEW = 0.5  # absolute decrease of the cost [nat] that is not worth a simulation
+MIN_GAIN = 0.5  # absolute decrease of the cost [nat] that is not worth a simulation
 # Change of the residual by a difference, over its size, that is sought at first, and after fresh
 # differences led nowhere; factor on it from which on a difference is narrowed, and tries (taste).
 WIDE, NARROW, LOUD, TRIES = 0.3, 0.1, 3.0, 3
-ASTRAY = 10.0  # damping at which differences are taken, or narrower ones (taste)
+MAX_DAMPING = 10.0  # damping at which differences are taken, or narrower ones (taste)
 STEADY = 0.5  # share of the change that a narrower difference leaves; above, the residual jumps
 PROMISING = 10.0  # predicted decrease, over a small one, at which a small one is no end (taste)
 FIRST = 24  # simulations with a given Jacobian alone (taste)
@@ -57,7 +57,7 @@ def minimise(
     step: float,
     budget: int,
     jacobian: np.ndarray | None = None,
-    quick: Residual | None = None,
+    coarse: Residual | None = None,
 ) -> Solution:
     """Bounded least squares from initial coordinates.
 
@@ -68,10 +68,10 @@ def minimise(
         step: Finite difference for the Jacobian, in units of the coordinates.
         budget: Largest number of simulations.
         jacobian: Approximate Jacobian at the start, (N, P); by default finite differences.
-        quick: Residual that is quicker to compute and has nearly the same Jacobian, for finite
+        coarse: Residual that is quicker to compute and has nearly the same Jacobian, for finite
             differences.
     """
-    search = _Search(fun, bounds, step, quick)
+    search = _Search(fun, bounds, step, coarse)
     return search.run(np.clip(z, *bounds), budget, jacobian)
 
 
@@ -82,8 +82,8 @@ def guided(
     step: float,
     budgets: tuple[int, int],
     slopes: np.ndarray,
-    promised: float,
-    quick: Residual | None = None,
+    accepted_cost: float,
+    coarse: Residual | None = None,
 ) -> Solution:
     """Least squares with an approximate Jacobian; by finite differences if it does not suffice.
 
@@ -94,13 +94,13 @@ def guided(
         step: Finite difference for the Jacobian, in units of the coordinates.
         budgets: Largest numbers of simulations with `slopes`, and by differences.
         slopes: Approximate Jacobian at the start, (N, P).
-        promised: Cost at which the first part is accepted.
-        quick: Residual for finite differences that is quicker to compute.
+        accepted_cost: Cost at which the first part is accepted.
+        coarse: Residual for finite differences that is quicker to compute.
     """
-    found = minimise(fun, z, bounds, step, budgets[0], slopes, quick)
-    if found.cost <= promised:
-        return found
-    return minimise(fun, found.z, bounds, step, budgets[1], None, quick)
+    solution = minimise(fun, z, bounds, step, budgets[0], slopes, coarse)
+    if solution.cost <= accepted_cost:
+        return solution
+    return minimise(fun, solution.z, bounds, step, budgets[1], None, coarse)
 
 
 def lowest(
@@ -110,7 +110,7 @@ def lowest(
     step: float,
     strides: Sequence[tuple[int, float]],
     budgets: tuple[int, int],
-    quick: Residual | None = None,
+    coarse: Residual | None = None,
 ) -> Solution:
     """Least squares to a minimum from which no stride along one coordinate leads lower.
 
@@ -121,18 +121,18 @@ def lowest(
         step: Finite difference for the Jacobian, in units of the coordinates.
         strides: Indices of coordinates and lengths of the strides, taken both ways.
         budgets: Largest numbers of simulations in all, and of each fit.
-        quick: Residual for finite differences that is quicker to compute.
+        coarse: Residual for finite differences that is quicker to compute.
     """
     count = 0
     while True:
-        solution = minimise(fun, z, bounds, step, budgets[1], None, quick)
+        solution = minimise(fun, z, bounds, step, budgets[1], None, coarse)
         count, z, cost = count + solution.evaluations, solution.z, solution.cost
         for i, stride in strides if count < budgets[0] else ():
             for move in (stride, -stride):
                 moved = solution.z + move * np.eye(len(z))[i]
                 if bounds[0][i] <= moved[i] <= bounds[1][i]:
                     r, count = fun(moved), count + 1
-                    if 0.5 * float(r @ r) < cost - FEW:
+                    if 0.5 * float(r @ r) < cost - MIN_GAIN:
                         z, cost = moved, 0.5 * float(r @ r)
         if z is solution.z:
             return Solution(solution.z, solution.cost, solution.jacobian, count)
@@ -178,8 +178,8 @@ def differences(
 class _Search:
     """Levenberg-Marquardt iteration and its count of simulations."""
 
-    def __init__(self, fun: Residual, bounds: tuple, step: float, quick: Residual | None):
-        self.fun, self.quick, self.bounds, self.count = fun, quick, bounds, 0
+    def __init__(self, fun: Residual, bounds: tuple, step: float, coarse: Residual | None):
+        self.fun, self.quick, self.bounds, self.count = fun, coarse, bounds, 0
         self.steps, self.target = np.full(len(bounds[0]), step), WIDE
 
     def at(self, z: np.ndarray) -> np.ndarray:
@@ -195,46 +195,46 @@ class _Search:
 
     def run(self, z: np.ndarray, budget: int, jacobian: np.ndarray | None = None) -> Solution:
         r = self.at(z)
-        given = jacobian is not None
-        cost, damping, fresh = 0.5 * float(r @ r), 1e-3, not given
-        if not given:
+        has_jacobian = jacobian is not None
+        cost, damping, is_exact = 0.5 * float(r @ r), 1e-3, not has_jacobian
+        if not has_jacobian:
             jacobian = self.slopes(z, r)
         while self.count < budget:
             dz = self.move(z, jacobian, r, damping)
             model = r + jacobian @ dz
             gain = cost - 0.5 * float(model @ model)
-            if gain < max(SMALL * cost, FEW) and fresh:
+            if gain < max(SMALL * cost, MIN_GAIN) and is_exact:
                 break
-            tried = self.at(z + dz)
-            new = 0.5 * float(tried @ tried)
+            trial = self.at(z + dz)
+            new = 0.5 * float(trial @ trial)
             length = float(dz @ dz)
-            if length > 0.0 and (new < cost or not fresh):  # too far for an update otherwise
-                jacobian = jacobian + np.outer(tried - model, dz) / length
+            if length > 0.0 and (new < cost or not is_exact):  # too far for an update otherwise
+                jacobian = jacobian + np.outer(trial - model, dz) / length
             if new < cost:
-                threshold = max(10.0 * SMALL * cost, FEW)
+                threshold = max(10.0 * SMALL * cost, MIN_GAIN)
                 small = cost - new < threshold
-                z, r, cost, damping = z + dz, tried, new, max(damping / 5.0, 1e-6)
+                z, r, cost, damping = z + dz, trial, new, max(damping / 5.0, 1e-6)
                 if not small:
-                    fresh = False
+                    is_exact = False
                     continue
-                if fresh and gain < PROMISING * threshold:
+                if is_exact and gain < PROMISING * threshold:
                     break
             else:
                 damping *= 10.0
-                failing = damping > ASTRAY
-                if failing and fresh and self.target > NARROW:
+                failing = damping > MAX_DAMPING
+                if failing and is_exact and self.target > NARROW:
                     self.target, damping = NARROW, 1e-3
-                elif failing and given and not fresh and self.count + 2 * len(z) < budget:
+                elif failing and has_jacobian and not is_exact and self.count + 2 * len(z) < budget:
                     damping = 1e-3
                 elif damping > 1e4:
                     break
-                elif fresh or given:
+                elif is_exact or has_jacobian:
                     continue
             if self.count + len(z) >= budget:
                 break
             self.steps = np.maximum(0.3 * self.steps, np.minimum(self.steps, 0.03))
             jacobian = self.slopes(z, r)
-            fresh = True
+            is_exact = True
         return Solution(z, cost, jacobian, self.count)
 
     def move(
@@ -243,11 +243,11 @@ class _Search:
         """Damped step inside the bounds; coordinates on a bound that it would cross are fixed."""
         free = np.ones(len(z), dtype=bool)
         dz = np.zeros(len(z))
-        whole, slope = jacobian.T @ jacobian, jacobian.T @ r
+        gram, slope = jacobian.T @ jacobian, jacobian.T @ r
         for _ in range(len(z)):
             if not free.any():
                 break
-            hessian = whole[np.ix_(free, free)]
+            hessian = gram[np.ix_(free, free)]
             scale = np.diag(hessian) + 1e-9 * max(float(np.trace(hessian)), 1e-300)
             dz[:] = 0.0
             dz[free] = -np.linalg.solve(hessian + np.diag(damping * scale + 1e-12), slope[free])

@@ -11,17 +11,17 @@ import numpy as np
 from loco_sim.effects.base import EFFECTS
 
 from ..fitting.fit import Fitted
-from ..probability.prices import trifle
-from ..probability.weights import CRITERION, NOTHING, Criterion, Weights, smallest
+from ..probability.prices import is_tiny
+from ..probability.weights import CRITERION, NO_EFFECT, Criterion, Weights, smallest
 from ..statistics import evidence
 from ..statistics.leftover import adequate, has_gap
 
 NAMED, AMBIGUOUS, UNKNOWN, NO_GAP = "named", "ambiguous", "unknown", "no gap"
-MORE = "named, and more is missing"
+PARTLY = "named, and more is missing"
 
 
 @dataclass(frozen=True)
-class Ruling:
+class Term:
     """Verdict on one effect of the selected model.
 
     Attributes:
@@ -76,14 +76,14 @@ class Decision:
     """The verdict.
 
     Attributes:
-        verdict: `NAMED`, `MORE`, `AMBIGUOUS`, `UNKNOWN` or `NO_GAP`.
+        verdict: `NAMED`, `PARTLY`, `AMBIGUOUS`, `UNKNOWN` or `NO_GAP`.
         rulings: One for each effect of the selected model, in order.
         adequate: Whether the model explains the data.
         evidence: Evidence in one sentence.
     """
 
     verdict: str
-    rulings: tuple[Ruling, ...]
+    rulings: tuple[Term, ...]
     adequate: bool
     evidence: str
 
@@ -102,9 +102,9 @@ def decide(
     weights: Weights,
     model: Fitted,
     references: References,
-    unsure: Collection[str] = (),
+    uncertain: Collection[str] = (),
     sliding: Collection[str] = (),
-    enough: np.ndarray | None = None,
+    levels: np.ndarray | None = None,
     criterion: Criterion = CRITERION,
 ) -> Decision:
     """Decide on the cause of the gap.
@@ -113,42 +113,44 @@ def decide(
         weights: All models with their probabilities.
         model: The selected one.
         references: Models without effects.
-        unsure: Keys of the effects of the selected model whose sizes may be those of absence.
+        uncertain: Keys of the effects of the selected model whose sizes may be those of absence.
         sliding: Prismatic joints, whose positions are lengths.
-        enough: Rms over all records [floors] up to which a channel counts as explained, (C,).
+        levels: Rms over all records [floors] up to which a channel counts as explained, (C,).
         criterion: Free numbers.
     """
-    given, base = references.given, references.base
+    initial, base = references.given, references.base
     if not model.parts:
         if has_gap(base.whole):
             left = base.held.rms
             rest = (
-                f"; refitted values of the robot leave {left:.3g}" if left < given.held.rms else ""
+                f"; refitted values of the robot leave {left:.3g}"
+                if left < initial.held.rms
+                else ""
             )
-            text = f"No effect tried explains the gap of {given.held.rms:.3g} noise floors{rest}."
+            text = f"No effect tried explains the gap of {initial.held.rms:.3g} noise floors{rest}."
             return Decision(UNKNOWN, (), False, text)
         text = f"The model explains the data: {base.held.rms:.2f} noise floors."
         return Decision(NO_GAP, (), True, text)
     largely = closes(model, references, criterion)
-    explains = adequate(base.whole, model.whole, enough)
-    explains &= largely or adequate(model.whole, model.whole, enough)  # near the floor by itself
+    explains = adequate(base.whole, model.whole, levels)
+    explains &= largely or adequate(model.whole, model.whole, levels)  # near the floor by itself
     if explains and _negligible(weights, base, sliding, criterion):
         text = (
-            f"The model is {given.held.rms:.2f} noise floors off only because it is sensitive "
+            f"The model is {initial.held.rms:.2f} noise floors off only because it is sensitive "
             f"there: {model.names[0]} too small to matter explains it."
         )
         return Decision(NO_GAP, (), True, text)
-    rulings = tuple(
-        _ruling(weights, model, i, h.key in unsure, criterion)
+    terms = tuple(
+        _term(weights, model, i, h.key in uncertain, criterion)
         for i, (h, _) in enumerate(model.parts)
     )
-    verdict = _overall({r.verdict for r in rulings}, explains, largely)
+    verdict = _overall({r.verdict for r in terms}, explains, largely)
     loud = None if explains else float(np.nanmax(evidence.by_channel(model.whole)))
-    text = _summary(verdict, rulings, loud, given, model)
+    text = _summary(verdict, terms, loud, initial, model)
     still = evidence.rms(references.held)
-    if verdict == UNKNOWN and still < given.held.rms:
+    if verdict == UNKNOWN and still < initial.held.rms:
         text += f" With signals that keep their first value instead, {still:.3g} are left."
-    return Decision(verdict, rulings, explains, text)
+    return Decision(verdict, terms, explains, text)
 
 
 def closes(model: Fitted, references: References, criterion: Criterion = CRITERION) -> bool:
@@ -166,23 +168,23 @@ def closes(model: Fitted, references: References, criterion: Criterion = CRITERI
     return all(evidence.closed_by(*pair) >= criterion.closed for pair in pairs)
 
 
-def _ruling(
-    weights: Weights, model: Fitted, index: int, unsure: bool, criterion: Criterion
-) -> Ruling:
+def _term(
+    weights: Weights, model: Fitted, index: int, is_uncertain: bool, criterion: Criterion
+) -> Term:
     """Verdict on one effect of a model."""
     h, confidence = model.parts[index][0], criterion.confidence
     names = smallest(weights.alternatives(model, index), confidence)
-    others = tuple(sorted(set(names) - {h.effect, NOTHING}))
-    nothing = unsure or NOTHING in names
-    verdict = UNKNOWN if nothing else AMBIGUOUS if len(names) > 1 else NAMED
-    kinds = {EFFECTS[name].identity.kind for name in (h.effect, *others)}
-    shared = next(iter(kinds)) if len(kinds) == 1 and verdict == AMBIGUOUS else ""
-    elsewhere = weights.places_of(h.effect)
-    total = sum(elsewhere.values())
-    places = smallest({p: v / total for p, v in elsewhere.items()}, confidence) if total else ()
-    return Ruling(
-        h.effect, h.place, verdict, weights.effect(h.effect), others,
-        tuple(p for p in places if p != h.place), shared,
+    options = tuple(sorted(set(names) - {h.effect, NO_EFFECT}))
+    is_absent = is_uncertain or NO_EFFECT in names
+    verdict = UNKNOWN if is_absent else AMBIGUOUS if len(names) > 1 else NAMED
+    types = {EFFECTS[name].identity.kind for name in (h.effect, *options)}
+    shared = next(iter(types)) if len(types) == 1 and verdict == AMBIGUOUS else ""
+    place_weights = weights.places_of(h.effect)
+    total = sum(place_weights.values())
+    where = smallest({p: v / total for p, v in place_weights.items()}, confidence) if total else ()
+    return Term(
+        h.effect, h.place, verdict, weights.effect(h.effect), options,
+        tuple(p for p in where if p != h.place), shared,
     )  # fmt: skip
 
 
@@ -198,7 +200,7 @@ def _overall(verdicts: Collection[str], explains: bool, closes: bool) -> str:
         return UNKNOWN
     if AMBIGUOUS in verdicts:
         return AMBIGUOUS
-    return NAMED if explains else MORE
+    return NAMED if explains else PARTLY
 
 
 def _negligible(
@@ -208,35 +210,35 @@ def _negligible(
     if np.nanmax(evidence.by_channel(base.whole)) > criterion.trifle:
         return False
     small = [
-        bool(m.parts) and all(trifle(*part, sliding) for part in m.parts) for m in weights.models
+        bool(m.parts) and all(is_tiny(*part, sliding) for part in m.parts) for m in weights.models
     ]
     return bool(weights.values[small].sum() > 1.0 - criterion.confidence)
 
 
-def _names(rulings: Sequence[Ruling], verdict: str) -> tuple[str, ...]:
-    return tuple(sorted({r.name for r in rulings if r.verdict == verdict}))
+def _names(terms: Sequence[Term], verdict: str) -> tuple[str, ...]:
+    return tuple(sorted({r.name for r in terms if r.verdict == verdict}))
 
 
-def _groups(rulings: Sequence[Ruling]) -> tuple[tuple[str, ...], ...]:
-    ambiguous = [r for r in rulings if r.verdict == AMBIGUOUS]
+def _groups(terms: Sequence[Term]) -> tuple[tuple[str, ...], ...]:
+    ambiguous = [r for r in terms if r.verdict == AMBIGUOUS]
     return tuple(sorted({tuple(sorted({r.name, *r.look_alikes})) for r in ambiguous}))
 
 
 def _summary(
-    verdict: str, rulings: Sequence[Ruling], loud: float | None, given: Fitted, model: Fitted
+    verdict: str, terms: Sequence[Term], loud: float | None, initial: Fitted, model: Fitted
 ) -> str:
     """Sentence on the verdict; `loud` is the largest unexplained rms of a channel [floors]."""
-    before, after = given.held.rms, model.held.rms
-    closed = evidence.closed_by(given.held.residuals, model.held.residuals)
-    names = " and ".join(_names(rulings, NAMED))
-    groups = ["{" + ", ".join(group) + "}" for group in _groups(rulings)]
+    before, after = initial.held.rms, model.held.rms
+    closed = evidence.closed_by(initial.held.residuals, model.held.residuals)
+    names = " and ".join(_names(terms, NAMED))
+    groups = ["{" + ", ".join(group) + "}" for group in _groups(terms)]
     gap = f"the gap falls from {before:.3g} to {after:.3g} noise floors ({closed:.0%} closed)"
     rest = "" if loud is None else f"; more is missing: {loud:.3g} are left where most is"
-    if verdict in (NAMED, MORE):
+    if verdict in (NAMED, PARTLY):
         return f"With {names} {gap}{rest}."
     if verdict == AMBIGUOUS:
         return f"The data cannot tell {'; '.join(groups)} apart; {gap}{rest}."
-    unknown = " and ".join(_names(rulings, UNKNOWN))
+    unknown = " and ".join(_names(terms, UNKNOWN))
     if loud is None and names and unknown:
         return f"With {names} {gap}, but only beside {unknown}, which the data do not establish."
     if not after < before:

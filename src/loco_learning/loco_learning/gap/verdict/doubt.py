@@ -58,7 +58,7 @@ def columns(case: Case, model: Fitted) -> tuple[np.ndarray, np.ndarray]:
         moved.append(_change(base_case, model, change, reference))
         name, (nominal, sigma) = next(iter(group.items()))
         at.append((current[name] - nominal) / sigma)
-    return (np.stack(moved, axis=1), np.array(at)) if moved else none(identify.flat(reference).size)
+    return (np.stack(moved, axis=1), np.array(at)) if moved else none(identify.pack(reference).size)
 
 
 def none(count: int) -> tuple[np.ndarray, np.ndarray]:
@@ -67,8 +67,8 @@ def none(count: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _change(
-    kept: Case, model: Fitted, change: Mapping[str, Any], here: list[np.ndarray]
+    fixed_case: Case, model: Fitted, change: Mapping[str, Any], ref: list[np.ndarray]
 ) -> np.ndarray:
-    shifted = kept.whitened(model.specs, {**model.settled, **change}, coarse=True)
-    change = identify.flat([a - b for a, b in zip(shifted, here, strict=True)])
-    return np.clip(np.nan_to_num(change), -kept.cap, kept.cap)
+    shifted = fixed_case.whitened(model.specs, {**model.settled, **change}, coarse=True)
+    change = identify.pack([a - b for a, b in zip(shifted, ref, strict=True)])
+    return np.clip(np.nan_to_num(change), -fixed_case.cap, fixed_case.cap)

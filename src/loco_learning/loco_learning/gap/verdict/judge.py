@@ -15,10 +15,10 @@ from functools import cached_property
 
 import numpy as np
 
-from ..fitting.fit import Fitted, Parts, anew, fit
-from ..fitting.search import Found, Search
-from ..fitting.seen import finish
-from ..hypotheses.families import fewer
+from ..fitting.fit import Fitted, Parts, fit, refit_model
+from ..fitting.search import Pool, Search
+from ..fitting.seen import finalize
+from ..hypotheses.families import restrict
 from ..hypotheses.hypotheses import Hypothesis
 from ..prediction.case import Case
 from ..prediction.channels import slides
@@ -26,24 +26,24 @@ from ..probability.weights import CRITERION, Criterion, Weights, weigh
 from ..statistics import identify
 from ..statistics.leftover import has_gap
 from . import stable, traded
-from .decide import MORE, NAMED, NO_GAP, UNKNOWN, Decision, References, closes, decide
+from .decide import NAMED, NO_GAP, PARTLY, UNKNOWN, Decision, References, closes, decide
 from .estimates import Estimate, absent, alarms
-from .rivals import RIVAL_NAMES, few, leading, look_alikes
+from .rivals import RIVAL_NAMES, leading, look_alike_names, select
 from .sensitivity import sensitivities
 
-BENT = 1.0  # deviation of a robot value above which sensitivities are recomputed (taste)
+MAX_DEVIATION = 1.0  # deviation of a robot value above which sensitivities are recomputed (taste)
 LEADING = 4  # models that are fitted to convergence in any case
-LEAST = 0.01  # probability above which a model is fitted to convergence
-LOOK_ALIKES = 2  # look-alikes that are fitted in any case, if not fitted yet
+MIN_PROBABILITY = 0.01  # probability above which a model is fitted to convergence
+N_LOOK_ALIKES = 2  # look-alikes that are fitted in any case, if not fitted yet
 ROUNDS = 3  # models that are challenged at most (taste)
 UNNAMED = 1  # the same while the most probable one leaves too much to be named (taste)
-LOWER = {NAMED: MORE, MORE: UNKNOWN}  # verdict if values of the robot imitate what is missing
+LOWER = {NAMED: PARTLY, PARTLY: UNKNOWN}  # verdict if values of the robot imitate what is missing
 LITTLE_BESIDE = 0.1  # size over the largest of a family below which a joint is left out (taste)
 LESS, NEARLY = 0.4, 1.5  # the same for sizes within 1.5 half intervals of 0 (taste)
 
 
 @dataclass(frozen=True)
-class Judged:
+class Outcome:
     """A decision with its evidence.
 
     Attributes:
@@ -96,28 +96,28 @@ class Judged:
         return [(m, p) for m, p in self.weights.ranked if m.parts and m.key != self.best.key]
 
 
-def judge(case: Case, search: Search, found: Found, criterion: Criterion = CRITERION) -> Judged:
+def judge(case: Case, search: Search, pool: Pool, criterion: Criterion = CRITERION) -> Outcome:
     """Judge the result of a search.
 
     Args:
         case: Model and data.
         search: Settings and processes.
-        found: Result of the search.
+        pool: Result of the search.
         criterion: Free numbers.
     """
-    judging = Judgement(case, search, found, criterion)
-    result = judging.result()
+    judgement = Judgement(case, search, pool, criterion)
+    result = judgement.result()
     decision, after = result.decision, result.after
-    if decision.verdict in (NAMED, MORE):
-        others = [m for m, _ in result.rivals]
-        table = stable.rows(search, result.best, result.base, others, search.params.seed)
+    if decision.verdict in (NAMED, PARTLY):
+        options = [m for m, _ in result.rivals]
+        table = stable.rows(search, result.best, result.base, options, search.params.seed)
         result = replace(result, over_settings=tuple(table))
     refitted = [*search.nominal, *traded.little_off(case, result.base)]
-    gap = has_gap(found.given.whole)
+    gap = has_gap(pool.given.whole)
     if refitted and gap and decision.verdict == NO_GAP and search.adequate(result.base):
         text = (
             f"The model is a little off. With {', '.join(refitted)} refitted it explains the data: "
-            f"{found.given.held.rms:.2f} noise floors before, {result.base.held.rms:.2f} after."
+            f"{pool.given.held.rms:.2f} noise floors before, {result.base.held.rms:.2f} after."
         )
         decision = replace(decision, evidence=text)
     crowding = traded.crowded(case, after)
@@ -130,8 +130,8 @@ def judge(case: Case, search: Search, found: Found, criterion: Criterion = CRITE
             for h, _ in after.parts
             for alarm in alarms(f"{h.effect} {h.place}".strip(), result.estimates[h.key])
         ),
-        *traded.strained(after, search.nominal, search.params.free_spread),
-        *traded.strayed(case, after),
+        *traded.implausible_values(after, search.nominal, search.params.free_spread),
+        *traded.deviating_motion(case, after),
         *stable.alarms(result.over_settings),
     )
     return replace(result, decision=decision, alarms=warnings)
@@ -143,14 +143,14 @@ class Judgement:
     Args:
         case: Model and data.
         search: Settings and processes.
-        found: Result of the search.
+        pool: Result of the search.
         criterion: Free numbers.
     """
 
-    def __init__(self, case: Case, search: Search, found: Found, criterion: Criterion = CRITERION):
-        self.case, self.search, self.found, self.criterion = case, search, found, criterion
-        self.fits = {m.key: m for m in reversed([found.base, *found.models])}
-        self.converged: set[str] = {found.base.key}
+    def __init__(self, case: Case, search: Search, pool: Pool, criterion: Criterion = CRITERION):
+        self.case, self.search, self.found, self.criterion = case, search, pool, criterion
+        self.fits = {m.key: m for m in reversed([pool.base, *pool.models])}
+        self.converged: set[str] = {pool.base.key}
         self.lost: dict[str, tuple[Fitted, ...]] = {}  # models without each effect, by key
         self.about: list[dict] | None = None
         self.known: dict[str, tuple[Fitted, tuple]] = {}  # sensitivities of models, by key
@@ -160,18 +160,18 @@ class Judgement:
         """Models without effects, beside which others are judged."""
         return References(self.found.given, self.found.base, self.case.persistence())
 
-    def result(self) -> Judged:
+    def result(self) -> Outcome:
         """The decision on the most probable model."""
         weights = self.weights()
-        model, estimates, analysis, unsure = self._selected(weights)
-        base, given = self.found.base, self.found.given
+        model, estimates, analysis, uncertain = self._selected(weights)
+        base, initial = self.found.base, self.found.given
         size = np.nanstd(np.concatenate(self.case.forward.measured), axis=0) / self.case.floor
-        sliding, enough = slides(self.case.forward.channels), self.search.params.accuracy * size
-        about = unsure, sliding, enough, self.criterion
+        sliding, levels = slides(self.case.forward.channels), self.search.params.accuracy * size
+        about = uncertain, sliding, levels, self.criterion
         decision = decide(weights, model, self.references, *about)
         without = tuple(self.fits[m.key] for m in self.lost.get(model.key, ()))
         evidence = weights, estimates, without, analysis
-        return Judged(decision, given, base, model, *evidence, asked=self.search.asked)
+        return Outcome(decision, initial, base, model, *evidence, asked=self.search.asked)
 
     def weights(self) -> Weights:
         """Probabilities of all models, once the most probable ones have been challenged."""
@@ -196,7 +196,7 @@ class Judgement:
             weights = weigh(
                 [*self.fits.values()], self.search.params.seed, self.criterion, self._unusual
             )
-            if not self._finish([m for m, value in weights.ranked if value > LEAST]):
+            if not self._finish([m for m, value in weights.ranked if value > MIN_PROBABILITY]):
                 return weights
 
     def _unusual(self, model: Fitted) -> float:
@@ -215,11 +215,11 @@ class Judgement:
         model = weights.supported(self.criterion.confidence)
         while True:
             estimates, analysis = self._sensitivities(model)
-            unsure = {key for key, each in estimates.items() if absent(each)}
-            keys = [h.key for h, _ in model.parts if h.key not in unsure]
+            uncertain = {key for key, each in estimates.items() if absent(each)}
+            keys = [h.key for h, _ in model.parts if h.key not in uncertain]
             smaller = self.fits.get(" + ".join(sorted(keys)))
-            if not unsure or not keys or smaller is None:
-                return model, estimates, analysis, unsure
+            if not uncertain or not keys or smaller is None:
+                return model, estimates, analysis, uncertain
             model = smaller
 
     def _challenge(self, model: Fitted) -> None:
@@ -230,9 +230,9 @@ class Judgement:
         model = self.fits[model.key]
         without = self._put(self._without(model, i) for i in range(len(model.parts)))
         self.lost[model.key] = tuple(without)
-        others = [m for i, each in enumerate(without) for m in self._swaps(model, i, each)]
-        others += self._narrowed(model)
-        self._finish([*without, *self._put(others)])
+        variants = [m for i, each in enumerate(without) for m in self._swaps(model, i, each)]
+        variants += self._narrowed(model)
+        self._finish([*without, *self._put(variants)])
 
     def _narrowed(self, model: Fitted) -> list[Fitted]:
         """The model without the idle joints of its families, refitted; empty if there are none."""
@@ -241,21 +241,21 @@ class Judgement:
         estimates, _ = self._sensitivities(model)
         parts = []
         for hypothesis, x in model.parts:
-            negligible = _idle(hypothesis, estimates[hypothesis.key])
+            negligible = _negligible_joints(hypothesis, estimates[hypothesis.key])
             members = [joint for joint in hypothesis.joints if joint not in negligible]
             if 0 < len(members) < len(hypothesis.joints):
                 hypotheses, joints = self.search.hypotheses, self.search.joints
-                hypothesis, x = fewer(hypothesis, x, members, hypotheses, joints)
+                hypothesis, x = restrict(hypothesis, x, members, hypotheses, joints)
             parts.append((hypothesis, x))
         same = {h.key for h, _ in parts} <= {h.key for h, _ in model.parts}
         return [] if same else [self._fitted(parts)]
 
     def _sensitivities(self, model: Fitted) -> tuple:
         """Result of `sensitivities` for a model as it was fitted, computed once."""
-        known, result = self.known.get(model.key, (None, ()))
-        if known is not model:
+        cached, result = self.known.get(model.key, (None, ()))
+        if cached is not model:
             exact = self.case.corrected(model.specs, model.overrides)
-            result = sensitivities(exact, model, doubtful=True)
+            result = sensitivities(exact, model, wider=True)
             self.known[model.key] = model, result
         return result
 
@@ -282,7 +282,7 @@ class Judgement:
             (self.fits[key], self.search.setting, self.search.in_reach(self.fits[key], among))
             for key in keys
         ]
-        for key, refined in zip(keys, self.search.each(finish, tasks), strict=True):
+        for key, refined in zip(keys, self.search.each(finalize, tasks), strict=True):
             self.fits[key] = refined
         self.converged |= {*keys}
         return bool(keys)
@@ -291,14 +291,14 @@ class Judgement:
         """True if a value of the robot deviates so much that effects alter its sensitivity."""
         if not (self.case.bends and model.parts and model.loose):
             return False
-        return bool(np.max(np.abs(self.case.loose.deviations(model.loose))) > BENT)
+        return bool(np.max(np.abs(self.case.loose.deviations(model.loose))) > MAX_DEVIATION)
 
     def _anew(self, models: Sequence[Fitted]) -> list[Fitted]:
         """Each model, or its fit with values linearised about the judged one, if better."""
         if self.about is None:
             return list(models)
         tasks = [(m.parts, self.search.setting, self.about) for m in models]
-        refits = self.search.each(anew, tasks)
+        refits = self.search.each(refit_model, tasks)
         return [min(pair, key=self.search.energy) for pair in zip(models, refits, strict=True)]
 
     def _fitted(self, parts: Parts) -> Fitted:
@@ -331,7 +331,7 @@ class Judgement:
             if s.hypothesis.key not in (*fitted, *remaining)
         ]
         rest = tuple(part for i, part in enumerate(model.parts) if i != index)
-        similar = min(LOOK_ALIKES, sum(h.effect in look_alikes(target) for h, _ in new))
+        similar = min(N_LOOK_ALIKES, sum(h.effect in look_alike_names(target) for h, _ in new))
         new = new[: max(similar, RIVAL_NAMES - len({m.key for m in fitted.values()}))]
         if rest and not self.search.adequate(model):
             additional = self.search.beside(without, self.found.screened)
@@ -339,10 +339,10 @@ class Judgement:
             new += [(s.hypothesis, s.x) for s in additional if s.hypothesis.key not in excluded]
         models = [*fitted.values(), *self.search.fitted([(*rest, part) for part in new])]
         models.sort(key=lambda m: (self.search.energy(m), m.key))
-        return self._anew(few(models, target, remaining))
+        return self._anew(select(models, target, remaining))
 
 
-def _idle(hypothesis: Hypothesis, estimates: Sequence[Estimate]) -> set[str]:
+def _negligible_joints(hypothesis: Hypothesis, estimates: Sequence[Estimate]) -> set[str]:
     """Joints of a family whose sizes are compatible with 0 and small compared to the largest.
 
     A size that is merely uncertain may be real: a robot with friction has it in all joints.
@@ -353,7 +353,7 @@ def _idle(hypothesis: Hypothesis, estimates: Sequence[Estimate]) -> set[str]:
         if c.strength:
             largest[c.name] = max(largest.get(c.name, 0.0), abs(e.value - e.absent))
 
-    def little(e: Estimate, largest: float) -> bool:
+    def is_small(e: Estimate, largest: float) -> bool:
         bound, tolerance = max(-e.low, e.high), 0.5 * NEARLY * (e.high - e.low)
         uncertain = abs(e.value - e.absent) < tolerance
         return bound < (LESS if uncertain else LITTLE_BESIDE) * largest
@@ -363,6 +363,6 @@ def _idle(hypothesis: Hypothesis, estimates: Sequence[Estimate]) -> set[str]:
         for c, e in pairs
         if c.strength
         and not (c.one_sided and e.value == e.absent)  # the size is at its bound of 0
-        and not little(e, largest[c.name])
+        and not is_small(e, largest[c.name])
     }
     return set(hypothesis.joints) - significant

@@ -37,7 +37,7 @@ def masses(robot: Robot, factor: float) -> dict[str, float]:
     return {f"masses.{link}": factor * total[link] for link in links}
 
 
-def words(case: Case, model: Fitted) -> list[str]:
+def scale_messages(case: Case, model: Fitted) -> list[str]:
     """Strengths that are confounded with the scale of the drive torques, one sentence each."""
     messages = []
     for row in ambiguous(case, model):
@@ -81,7 +81,7 @@ def ambiguous(case: Case, model: Fitted) -> list[dict[str, Any]]:
 
     def column(specs: Sequence[Mapping], overrides: Mapping[str, float]) -> np.ndarray:
         moved = base_case.whitened(specs, {**model.settled, **overrides})
-        change = identify.flat([a - b for a, b in zip(moved, reference, strict=True)])
+        change = identify.pack([a - b for a, b in zip(moved, reference, strict=True)])
         return np.nan_to_num(np.clip(change, -case.cap, case.cap)) * weight
 
     factor = math.exp(SCALE_STEP)
@@ -92,7 +92,7 @@ def ambiguous(case: Case, model: Fitted) -> list[dict[str, Any]]:
         for j in filter(partial(_forceful, hypothesis), hypothesis.strengths):
             specs = model.moved(i, [v * (1.0 + STRENGTH * (k == j)) for k, v in enumerate(x)])
             direction = column(specs, {})
-            single, combined = (identify.imitated(direction, c) for c in (torque[:, None], both))
+            single, combined = (identify.cosine(direction, c) for c in (torque[:, None], both))
             rows.append(
                 {
                     "parameter": f"{hypothesis.effect}.{hypothesis.coordinates[j].label}",

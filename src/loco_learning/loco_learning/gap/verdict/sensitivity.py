@@ -20,20 +20,20 @@ STRENGTH_STEP, LOG_STEP = (
     0.05,
     0.1,
 )  # finite difference of a strength, and of the logarithm of a shape or nominal value
-STRAIGHT = 0.3  # half interval over the size above which derivatives are checked (taste)
+LINEAR_SHARE = 0.3  # half interval over the size above which derivatives are checked (taste)
 NORMAL = 1.96  # standard errors of a 95 % interval
-UNLIKELY = 1e-3  # probability below which parts of the data disagree on a value
+MIN_PROBABILITY = 1e-3  # probability below which parts of the data disagree on a value
 
 
 def sensitivities(
-    case: Case, model: Fitted, doubtful: bool = False
+    case: Case, model: Fitted, wider: bool = False
 ) -> tuple[dict[str, tuple[Estimate, ...]], identify.Identifiability | None]:
     """Parameters of a model with intervals, and their identifiability.
 
     Args:
         case: Model and data.
         model: Fitted model.
-        doubtful: Whether intervals include the uncertainty of masses, inertias and drives.
+        wider: Whether intervals include the uncertainty of masses, inertias and drives.
 
     Returns:
         Estimates by key of the hypothesis, and the analysis of all coordinates; None if
@@ -48,7 +48,7 @@ def sensitivities(
     matrix = np.stack([_column(base_case, reference, *move) for move in moves], axis=1)
     weight = identify.weights(model.score)
     analysis = identify.analyse(matrix, names, list(model.overrides), weight)
-    uncertain = doubt.columns(case, model) if doubtful else doubt.none(len(matrix))
+    uncertain = doubt.columns(case, model) if wider else doubt.none(len(matrix))
     groups = robust.clusters(model.whole, case.forward.begun())
     widths, deviation = _half_widths(matrix, model, weight, uncertain, groups)
     sizes, with_shapes = ~_shapes(model, len(names)), np.full(len(names), np.nan)
@@ -58,7 +58,7 @@ def sensitivities(
         rows = slice(start, start + len(x))
         each = widths[rows], deviation[rows], with_shapes[rows]
         single = analysis.errors_alone[rows]
-        limits = _profiled(base_case, model, i, reference, widths[rows], single) if doubtful else {}
+        limits = _profiled(base_case, model, i, reference, widths[rows], single) if wider else {}
         result[hypothesis.key] = estimates(hypothesis, x, *each, limits)
         start += len(x)
     return result, analysis
@@ -68,45 +68,45 @@ def _half_widths(
     matrix: np.ndarray,
     model: Fitted,
     weight: np.ndarray,
-    doubts: tuple[np.ndarray, np.ndarray],
+    uncertain_columns: tuple[np.ndarray, np.ndarray],
     groups: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Half of each parameter's 95 % interval, and its spread between parts of the data."""
-    left = identify.flat(model.whole)
+    left = identify.pack(model.whole)
     steady = identify.stability(matrix, left, halves(model.whole), weight)
     errors = identify.standard_errors(matrix, weight)
     errors = np.sqrt(errors**2 + steady.spread**2 / len(steady.shifts))
-    columns, at = doubts
+    columns, at = uncertain_columns
     widths = robust.half_widths(matrix, columns, left, groups, weight, at)
-    deviation = np.where(steady.probability < UNLIKELY, steady.spread, 0.0)
+    deviation = np.where(steady.probability < MIN_PROBABILITY, steady.spread, 0.0)
     return np.maximum(widths, NORMAL * errors), deviation
 
 
 def estimates(
     hypothesis: Hypothesis,
     x: Sequence[float],
-    half: np.ndarray,
-    spread: np.ndarray,
+    widths: np.ndarray,
+    scatter: np.ndarray,
     with_shapes: np.ndarray,
-    ends: Mapping[int, tuple[float, float]] | None = None,
+    bounds: Mapping[int, tuple[float, float]] | None = None,
 ) -> tuple[Estimate, ...]:
     """Parameters of one effect with 95 % intervals, in their units.
 
     Args:
         hypothesis: Fitted hypothesis.
         x: Coordinates of the hypothesis.
-        half: Half of their 95 % intervals.
-        spread: Their deviation between parts of the data.
+        widths: Half of their 95 % intervals.
+        scatter: Their deviation between parts of the data.
         with_shapes: Half of the intervals with all shapes fixed.
-        ends: Both ends of the intervals of those coordinates that were profiled.
+        bounds: Both ends of the intervals of those coordinates that were profiled.
     """
     passive = EFFECTS[hypothesis.effect].identity.passive
     result = []
-    columns = hypothesis.coordinates, x, half, spread, with_shapes
+    columns = hypothesis.coordinates, x, widths, scatter, with_shapes
     for j, (c, at, half_width, wide, deviation) in enumerate(zip(*columns, strict=True)):
-        both = (ends or {}).get(j, (at - half_width, at + half_width))
+        both = (bounds or {}).get(j, (at - half_width, at + half_width))
         if both[0] > 0.0 or both[1] < 0.0:  # a profile that excludes 0 overrides derivatives
-            deviation = min(deviation, abs(at) - 1e-12) if j in (ends or {}) else deviation
+            deviation = min(deviation, abs(at) - 1e-12) if j in (bounds or {}) else deviation
         both = sorted(c.unbounded(end) if np.isfinite(end) else end for end in both)
         sign = 1 if passive and c.strength and c.one_sided else 0
         size = (c.origin, sign, *abs(c.size * np.r_[wide, deviation])) if c.strength else (None,)
@@ -118,9 +118,9 @@ def _profiled(
     case: Case,
     model: Fitted,
     index: int,
-    here: Sequence[np.ndarray],
-    half: np.ndarray,
-    alone: np.ndarray,
+    ref: Sequence[np.ndarray],
+    widths: np.ndarray,
+    single_errors: np.ndarray,
 ) -> dict[int, tuple[float, float]]:
     """Profiled intervals of an effect's strengths for which derivatives may be inaccurate.
 
@@ -128,36 +128,36 @@ def _profiled(
         case: Model and data, with values of the robot fixed.
         model: Fitted model.
         index: Index of the effect.
-        here: Residuals of the model, (T, C) each.
-        half: Half of the intervals from derivatives.
-        alone: Standard errors if all other parameters were known.
+        ref: Residuals of the model, (T, C) each.
+        widths: Half of the intervals from derivatives.
+        single_errors: Standard errors if all other parameters were known.
     """
     hypothesis, x = model.parts[index]
     smooth = EFFECTS[hypothesis.effect].identity.smooth
-    weight, left = identify.weights(model.score), np.nan_to_num(identify.flat(here))
+    weight, left = identify.weights(model.score), np.nan_to_num(identify.pack(ref))
     result = {}
     for j in hypothesis.strengths:
-        at, half_width = x[j], float(half[j])
-        usable = np.isfinite([half_width, alone[j]]).all() and at != 0.0
-        if not usable or (smooth and half_width <= STRAIGHT * abs(at)):
+        at, half_width = x[j], float(widths[j])
+        usable = np.isfinite([half_width, single_errors[j]]).all() and at != 0.0
+        if not usable or (smooth and half_width <= LINEAR_SHARE * abs(at)):
             continue
 
         def cost(value: float, j: int = j) -> float:
             specs = model.moved(index, [value if k == j else v for k, v in enumerate(x)])
-            residual = np.nan_to_num(identify.flat(case.whitened(specs, model.settled)))
+            residual = np.nan_to_num(identify.pack(case.whitened(specs, model.settled)))
             return 0.5 * float(weight @ (np.square(residual) - np.square(left)))
 
         c = hypothesis.coordinates[j]
-        predicted = 0.5 * (half_width / float(alone[j])) ** 2
-        result[j] = profile.ends(cost, at, half_width, predicted, c.one_sided)
+        predicted = 0.5 * (half_width / float(single_errors[j])) ** 2
+        result[j] = profile.interval(cost, at, half_width, predicted, c.one_sided)
     return result
 
 
-def halves(whole: Sequence[np.ndarray]) -> np.ndarray:
+def halves(residuals: Sequence[np.ndarray]) -> np.ndarray:
     """Index of the half of a record to which each value of `identify.flat` belongs, (N,)."""
     groups = [
         np.repeat(2 * i + (np.arange(len(r)) >= len(r) // 2), r.shape[1])
-        for i, r in enumerate(whole)
+        for i, r in enumerate(residuals)
     ]
     return np.concatenate(groups)
 
@@ -186,9 +186,9 @@ def _moves(model: Fitted) -> tuple[list[str], list[tuple[list, dict, float]]]:
 
 
 def _column(
-    case: Case, here: Sequence[np.ndarray], specs: list, overrides: dict, step: float
+    case: Case, ref: Sequence[np.ndarray], specs: list, overrides: dict, step: float
 ) -> np.ndarray:
     """Change of all residuals per unit of a coordinate, (N,)."""
     moved = case.whitened(specs, overrides)
-    change = identify.flat([a - b for a, b in zip(moved, here, strict=True)])
+    change = identify.pack([a - b for a, b in zip(moved, ref, strict=True)])
     return np.clip(change, -case.cap, case.cap) / step

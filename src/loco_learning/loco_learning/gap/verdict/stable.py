@@ -16,12 +16,12 @@ import numpy as np
 
 from ..fitting.fit import Fitted, Setting, fit, weigh
 from ..prediction.case import Case
-from ..probability.weights import NOTHING
+from ..probability.weights import NO_EFFECT
 from ..probability.weights import weigh as weights_of
 from ..statistics import evidence
 
 SPLITS, STRETCHES, FLOORS = 3, 2, (0.5, 2.0)  # settings that are tested
-RIVALS = 2  # models of other names that are refitted
+N_RIVALS = 2  # models of other names that are refitted
 REFIT = 6  # simulations of a refit, and 2 per parameter
 FLIPS = 3.0  # odds above which evidence is worth mentioning (Kass and Raftery 1995)
 
@@ -50,24 +50,24 @@ class Row:
         return asdict(self)
 
 
-def again(
-    case: Case, model: Fitted, judging: Sequence[int], setting: Setting
+def cross_validate(
+    case: Case, model: Fitted, held_out: Sequence[int], setting: Setting
 ) -> list[tuple[np.ndarray, ...]]:
     """Residuals of a model that was refitted to all records but one, (T, C) each, for each one.
 
     Args:
         case: Model and data.
         model: Model to refit, from its current coordinates.
-        judging: Indices of the records that are left out, one at a time.
+        held_out: Indices of the records that are left out, one at a time.
         setting: Settings that all fits share.
     """
     if not model.parts and not model.overrides:
-        return [tuple(model.whole)] * len(judging)
+        return [tuple(model.whole)] * len(held_out)
     exact = case.corrected(model.specs, model.overrides)
     reduced = setting.params.replace(evaluations=max(4, REFIT - 3 * (model.count - 1)))
     setting = replace(setting, params=reduced, free=model.overrides)
     residuals = []
-    for i in judging:
+    for i in held_out:
         fitted = [np.full(len(rows), k != i) for k, rows in enumerate(case.fit_rows)]
         split = replace(exact, fit_rows=fitted, held_rows=[~rows for rows in fitted])
         refit = fit(split, model.parts, setting)
@@ -76,17 +76,17 @@ def again(
     return residuals
 
 
-def rows(search: Any, best: Fitted, base: Fitted, others: Sequence[Fitted], seed: int) -> list[Row]:
+def rows(search: Any, best: Fitted, base: Fitted, rest: Sequence[Fitted], seed: int) -> list[Row]:
     """Answers under other settings.
 
     Args:
         search: Search with its processes, settings and case.
         best: Named model.
         base: The initial model with nominal values refitted.
-        others: Rivals, the most probable first.
+        rest: Rivals, the most probable first.
         seed: Seed of the resampling.
     """
-    models = [best, base, *[m for m in others if m.names != best.names][:RIVALS]]
+    models = [best, base, *[m for m in rest if m.names != best.names][:N_RIVALS]]
     return [_row(*each[:2], models, each[2], seed) for each in _settings(search, models)]
 
 
@@ -94,10 +94,10 @@ def _settings(search: Any, models: Sequence[Fitted]) -> Iterator[tuple[str, str,
     """Kind and name of each setting, with the residuals of all models under it."""
     case = search.case
     held_out = _loudest(models[1], SPLITS) if len(models[1].whole) > 1 else []
-    near = [m is models[0] or search.in_reach(m, models) for m in models]
-    tasks = [(m, held_out, search.setting) for m, on in zip(models, near, strict=True) if on]
-    refits = iter(search.each(again, tasks) if held_out else ())
-    both = zip(models, near, strict=True)
+    in_reach = [m is models[0] or search.in_reach(m, models) for m in models]
+    tasks = [(m, held_out, search.setting) for m, on in zip(models, in_reach, strict=True) if on]
+    refits = iter(search.each(cross_validate, tasks) if held_out else ())
+    both = zip(models, in_reach, strict=True)
     over = [next(refits, []) if on else [m.whole] * len(held_out) for m, on in both]
     for i, *group in zip(held_out, *over, strict=True):
         yield "split", f"{case.records[i].name} judges", [[residuals[i]] for residuals in group]
@@ -116,13 +116,13 @@ def _loudest(base: Fitted, count: int) -> list[int]:
     return sorted(sorted(range(len(size)), key=lambda i: (-size[i], i))[:count])
 
 
-def _row(vary: str, words: str, models: Sequence[Fitted], residuals: list, seed: int) -> Row:
-    there = [replace(m, whole=tuple(r)) for m, r in zip(models, residuals, strict=True)]
-    weights = weights_of(there, seed)
+def _row(vary: str, text: str, models: Sequence[Fitted], residuals: list, seed: int) -> Row:
+    refitted = [replace(m, whole=tuple(r)) for m, r in zip(models, residuals, strict=True)]
+    weights = weights_of(refitted, seed)
     named = set(models[0].names)
     share = sum(value for model, value in weights.ranked if named <= set(model.names))
     closed = evidence.closed_by(residuals[1], residuals[0])
-    return Row(vary, words, weights.best.names, share, closed)
+    return Row(vary, text, weights.best.names, share, closed)
 
 
 def alarms(table: Sequence[Row]) -> tuple[str, ...]:
@@ -135,7 +135,7 @@ def alarms(table: Sequence[Row]) -> tuple[str, ...]:
     if not flips:
         return ()
     row = min(flips, key=lambda r: r.probability)
-    names = " and ".join(row.names) or NOTHING
+    names = " and ".join(row.names) or NO_EFFECT
     return (
         f"the name depends on a setting: with {row.vary} {row.setting!r} it has a probability of "
         f"{row.probability:.2g}, and {names} is more probable",

@@ -12,49 +12,49 @@ from scipy.special import bdtr, ndtr
 
 from ..fitting.fit import Fitted
 from ..prediction.case import Case
-from ..prediction.loose import MOST, NEAR
+from ..prediction.loose import RANGE, SHIFT
 from ..statistics.leftover import LIMITS
 from .estimates import ALARMS, Alarms
 
-TOLD = 3  # deviating values that are listed by name
+LISTED = 3  # deviating values that are listed by name
 
 
-def strained(
-    model: Fitted, values: Mapping[str, float], spread: float, limits: Alarms = ALARMS
+def implausible_values(
+    model: Fitted, values: Mapping[str, float], std: float, limits: Alarms = ALARMS
 ) -> tuple[str, ...]:
     """Free values that a fit moved out of their plausible range, a sentence each.
 
     Args:
         model: Fitted model.
         values: Nominal values of the robot by dotted name.
-        spread: Standard deviation of the logarithm of a value.
+        std: Standard deviation of the logarithm of a value.
         limits: Smallest deviations that are implausible.
     """
     return tuple(
         f"{name} goes to {model.overrides[name]:.3g}, {model.overrides[name] / values[name]:.3g} "
         f"times what the robot says: more than {limits.strained:g} deviations of its prior"
-        for name, by in _deviations(model, values, spread).items()
+        for name, by in _deviations(model, values, std).items()
         if abs(by) > limits.strained
     )
 
 
-def penalty(model: Fitted, values: Mapping[str, float], spread: float) -> float:
+def penalty(model: Fitted, values: Mapping[str, float], std: float) -> float:
     """Logarithm of the prior odds against the free values of a model [nat].
 
     Args:
         model: Fitted model.
         values: Nominal values of the robot by dotted name.
-        spread: Standard deviation of the logarithm of a value.
+        std: Standard deviation of the logarithm of a value.
     """
-    return 0.5 * sum(by**2 for by in _deviations(model, values, spread).values())
+    return 0.5 * sum(by**2 for by in _deviations(model, values, std).values())
 
 
-def _deviations(model: Fitted, values: Mapping[str, float], spread: float) -> dict[str, float]:
+def _deviations(model: Fitted, values: Mapping[str, float], std: float) -> dict[str, float]:
     """Free values of a model in deviations of their priors, by name; arguments as of `penalty`."""
-    return {n: math.log(value / values[n]) / spread for n, value in model.overrides.items()}
+    return {n: math.log(value / values[n]) / std for n, value in model.overrides.items()}
 
 
-def strayed(case: Case, model: Fitted, limits: Alarms = ALARMS) -> tuple[str, ...]:
+def deviating_motion(case: Case, model: Fitted, limits: Alarms = ALARMS) -> tuple[str, ...]:
     """Uncertain values that were refitted out of their plausible range, a sentence each."""
     if case.loose is None:
         return ()
@@ -77,12 +77,12 @@ def crowded(case: Case, model: Fitted) -> str:
     model lacks.
     """
     on = on_bounds(case, model)
-    count, probability = int(np.sum(on)), 2.0 * ndtr(-MOST)
+    count, probability = int(np.sum(on)), 2.0 * ndtr(-RANGE)
     if not count or 1.0 - bdtr(count - 1, len(on), probability) >= LIMITS.rare:
         return ""
     return (
         f"{count} of {len(on)} values on their bound: the model lacks something that these "
-        f"imitate ({_few(_names(case, on))})"
+        f"imitate ({_list_names(_names(case, on))})"
     )
 
 
@@ -115,10 +115,10 @@ def _names(case: Case, flags: np.ndarray) -> list[str]:
     return [name for name, k in zip(uncertain.names, uncertain.of, strict=True) if flags[k]]
 
 
-def _few(names: Sequence[str]) -> str:
+def _list_names(names: Sequence[str]) -> str:
     """The first names, and the number of further ones."""
-    suffix = [f"{len(names) - TOLD} more"] if len(names) > TOLD else []
-    return ", ".join([*names[:TOLD], *suffix])
+    suffix = [f"{len(names) - LISTED} more"] if len(names) > LISTED else []
+    return ", ".join([*names[:LISTED], *suffix])
 
 
 def little_off(case: Case, model: Fitted) -> list[str]:
@@ -127,6 +127,6 @@ def little_off(case: Case, model: Fitted) -> list[str]:
         return []
     values = zip(case.loose.names, case.loose.nominal, case.loose.spread, strict=True)
     scores = sorted(((abs(model.loose[n] - at) / s, n, at) for n, at, s in values), reverse=True)
-    distant = [row for row in scores if row[0] > NEAR] or ([] if model.overrides else scores[:1])
-    messages = [f"{n} ({at:.3g} to {model.loose[n]:.3g})" for _, n, at in distant[:TOLD]]
-    return messages + ([f"{len(distant) - TOLD} more"] if len(distant) > TOLD else [])
+    distant = [row for row in scores if row[0] > SHIFT] or ([] if model.overrides else scores[:1])
+    messages = [f"{n} ({at:.3g} to {model.loose[n]:.3g})" for _, n, at in distant[:LISTED]]
+    return messages + ([f"{len(distant) - LISTED} more"] if len(distant) > LISTED else [])

@@ -63,7 +63,7 @@ def test_the_curve_between_samples_is_the_one_that_errs_least(monkeypatch, shape
     error = rms(made - CURVES[shape](axis))
     assert 0.5 * error < rms(told) < 3.0 * error
     for tried in (3, 5):
-        monkeypatch.setattr(slow, "SLOW", replace(slow.SLOW, degrees=(tried,)))
+        monkeypatch.setattr(slow, "RATES", replace(slow.RATES, degrees=(tried,)))
         alone, _ = slow.interpolated(track, axis, robot)
         assert np.array_equal(alone, made) is (tried == degree)
         assert error <= rms(alone - CURVES[shape](axis))

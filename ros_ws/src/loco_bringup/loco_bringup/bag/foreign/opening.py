@@ -12,18 +12,18 @@ from ..coding import plain_name
 from ..reader import Bag
 from . import ros1, sqlite
 
-KINDS = {".mcap": Bag, sqlite.SUFFIX: sqlite.SqliteBag, ros1.SUFFIX: ros1.Ros1Bag}
+BAG_TYPES = {".mcap": Bag, sqlite.SUFFIX: sqlite.SqliteBag, ros1.SUFFIX: ros1.Ros1Bag}
 
 
 def suffix_of(path: Path) -> str:
-    """Extension of a bag's files, one of `KINDS`; empty if the path is no bag.
+    """Extension of a bag's files, one of `BAG_TYPES`; empty if the path is no bag.
 
     Args:
         path: File, or folder of a bag.
     """
     names = [path.name] if not path.is_dir() else [file.name for file in path.iterdir()]
     endings = {Path(plain_name(name)).suffix for name in names}
-    return next((end for end in KINDS if end in endings), "")
+    return next((end for end in BAG_TYPES if end in endings), "")
 
 
 def name_of(path: Path) -> str:
@@ -32,12 +32,12 @@ def name_of(path: Path) -> str:
     return path.name if path.is_dir() else Path(plain_name(path.name).removesuffix(".gz")).stem
 
 
-def beside(path: Path, name: str) -> Path:
+def result_path(path: Path, name: str) -> Path:
     """Default path of a result: in the folder of a bag, or beside a file and after its name."""
     if path.is_dir() or not path.is_file():
         return path / name
-    alone = (path.parent / "metadata.yaml").is_file() or path.suffix == ".mcap"
-    return path.parent / (name if alone else f"{name_of(path)}_{name}")
+    has_own_folder = (path.parent / "metadata.yaml").is_file() or path.suffix == ".mcap"
+    return path.parent / (name if has_own_folder else f"{name_of(path)}_{name}")
 
 
 def open_bag(path: str | Path) -> Bag:
@@ -53,4 +53,4 @@ def open_bag(path: str | Path) -> Bag:
     """
     if Path(path).is_file() and is_table(Path(path)):
         raise BagError(f"{path} is a table and no bag; `loco report` and `loco gap check` read it")
-    return KINDS.get(suffix_of(Path(path)), Bag)(path)
+    return BAG_TYPES.get(suffix_of(Path(path)), Bag)(path)

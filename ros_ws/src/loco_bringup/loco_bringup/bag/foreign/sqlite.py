@@ -23,11 +23,11 @@ from ..reader import TopicInfo
 from .raw import RawBag
 
 SUFFIX = ".db3"
-MOST = 2**30  # largest size of all messages of a topic [bytes]
+MAX_SIZE = 2**30  # largest size of all messages of a topic [bytes]
 # Limit on the steps of SQLite's virtual machine per query; a row takes about ten steps.
 _STEPS = 1_000_000  # allowed for any file
 _STEPS_A_BYTE = 10
-_PLAIN = re.compile(r"CREATE TABLE \W?\w+\W?\s*\([^()]*\)", re.IGNORECASE)  # no computed columns
+_TABLE = re.compile(r"CREATE TABLE \W?\w+\W?\s*\([^()]*\)", re.IGNORECASE)  # no computed columns
 _READ = ("topics", "messages", "message_definitions")
 _SAFE = """
 PRAGMA query_only = ON; PRAGMA trusted_schema = OFF; PRAGMA ignore_check_constraints = ON;
@@ -104,8 +104,8 @@ class SqliteBag(RawBag):
                         raise BagError(f"{file.name}: {name} holds rows that are no messages")
                     rows.append((time, data))
                     total += len(data)
-                    if total > MOST:
-                        raise BagError(f"{file.name}: {name} has more than {MOST} bytes")
+                    if total > MAX_SIZE:
+                        raise BagError(f"{file.name}: {name} has more than {MAX_SIZE} bytes")
         rows.sort(key=operator.itemgetter(0))
         data = [data for _, data in rows]
         decode = unpacker(data[0]) if data else None
@@ -147,7 +147,7 @@ def _opened(file: Path) -> Iterator[sqlite3.Connection]:
             for name, kind, root, text in database.execute(
                 f"SELECT name, type, rootpage, sql FROM sqlite_master WHERE name IN {_READ}"
             ):
-                if kind != "table" or not root or not _PLAIN.fullmatch(" ".join(text.split())):
+                if kind != "table" or not root or not _TABLE.fullmatch(" ".join(text.split())):
                     raise BagError(f"{file}: {name} is no plain table, as those of rosbag2 are")
             yield database
     except (sqlite3.Error, UnicodeDecodeError) as error:

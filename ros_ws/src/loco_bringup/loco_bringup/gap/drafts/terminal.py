@@ -75,7 +75,7 @@ def draft(path: str | Path, joints: Sequence[str]) -> str:
             file = next((p for p in sorted(path.iterdir()) if tables.is_table(p)), path)
         if not file.is_file() or not tables.is_table(file):
             raise ParameterError(
-                f"{path} is no recording: neither a bag nor a table ({', '.join(tables.KINDS)}); "
+                f"{path} is no recording: neither a bag nor a table ({', '.join(tables.SUFFIXES)}); "
                 "give a text of rows the ending .txt"
             )
         text = of_table(tables.read(file), joints)

@@ -43,15 +43,15 @@ def first_messages(bag: Bag, name: str) -> list[Any]:
     """First message of a topic; of JointState the first with each set of joints and fields."""
     if not bag.topics[name].type.endswith("/JointState"):
         return [bag.message(name, bag.raw(name)[1][0])]
-    kinds: dict[tuple, Any] = {}
+    variants: dict[tuple, Any] = {}
     for message in bag.messages(name):
         fields = (len(getattr(message, field)) > 0 for field in ROLES)
-        kinds.setdefault((frozenset(message.name), *fields), message)
-    return list(kinds.values())
+        variants.setdefault((frozenset(message.name), *fields), message)
+    return list(variants.values())
 
 
 def _is_command(name: str) -> str:
-    return next((token for token in words.words(name) if token in words.COMMANDS), "")
+    return next((token for token in words.split_name(name) if token in words.COMMANDS), "")
 
 
 def _joint_state(name: str, message: Any, joints: Sequence[str]) -> list[Line]:

@@ -10,7 +10,7 @@ from typing import Any
 from markupsafe import Markup
 
 from loco_learning.drawing.chart import PALETTE, Axis, Chart, Frame, Layer, dots, line
-from loco_learning.gap.fleet.course import BEGINS, CHANGES, ENDS
+from loco_learning.gap.fleet.course import APPEARS, CHANGES, DISAPPEARS
 from loco_learning.gap.fleet.fleet import FAILED
 from loco_learning.gap.fleet.table import in_order
 from loco_learning.gap.setup.contents import SETUP
@@ -19,7 +19,7 @@ from ...page import html
 from .. import text
 
 Result = Mapping[str, Any]
-SINCE = {BEGINS: "since", ENDS: "until before", CHANGES: "changed on"}
+SINCE = {APPEARS: "since", DISAPPEARS: "until before", CHANGES: "changed on"}
 ROWS = 200  # recordings listed on the page; the table beside it has all
 COURSES = (
     "Dots with bars: size of all recordings of a day with its 95 % interval. A robot without the "
@@ -80,7 +80,7 @@ def page(result: Result) -> str:
     """HTML text of the page."""
     cards = [
         (text.term_name(one), f"{len(one['robots'])} of {len(result['robots'])} robots",
-         _spread(one)) for one in result["effects"]
+         _deviation_text(one)) for one in result["effects"]
     ]  # fmt: skip
     head = html.join([html.paragraph(html.strong(summary(result))), html.cards(cards)])
     sections = [html.part("Robots", lambda: _robots(result))]
@@ -98,7 +98,7 @@ def page(result: Result) -> str:
     return html.document(f"Fleet of {result['robot']}", head, sections)
 
 
-def _spread(one: Result) -> str:
+def _deviation_text(one: Result) -> str:
     """Size of an effect over the robots that have it, with its spreads."""
     if one["size"] is None:
         return "in no robot surely"
@@ -134,10 +134,10 @@ def _sizes(result: Result, k: int) -> Chart:
               for day in one["days"]]  # fmt: skip
         x = [value for place in at for value in (place, place, float("nan"))]
         y = [value for day in one["days"] for value in (day["low"], day["high"], float("nan"))]
-        texts = [f"{row['robot']}, {day['day']}: {text.number(day['size'])}" for day in one["days"]]
+        tips = [f"{row['robot']}, {day['day']}: {text.number(day['size'])}" for day in one["days"]]
         layers.append(line(row["robot"], x, y, colour))
         layers.append(
-            dots(row["robot"], at, [day["size"] for day in one["days"]], colour, texts=texts)
+            dots(row["robot"], at, [day["size"] for day in one["days"]], colour, texts=tips)
         )
     unit = result["effects"][k]["unit"]
     label = f"{text.words(result['effects'][k]['parameter'])} [{unit}]"

@@ -29,7 +29,7 @@ from loco_sim.plant import model as models
 from loco_sim.plant.model import Model
 
 from ...bag.foreign.opening import suffix_of
-from ...settings import joined, overrides
+from ...settings import merge, overrides
 from ...terminal import bar, console
 from .. import run as runner
 from ..importing import DRAFTS, drafted, load
@@ -112,7 +112,7 @@ def settings(a: argparse.Namespace) -> tuple[GapParams, FleetParams]:
         LocoError: A value is out of range, or a name is unknown.
     """
     options = {"effects": list(a.effects)} if a.effects else {}
-    options = joined({**options, "seed": a.seed}, overrides(a.set, None))
+    options = merge({**options, "seed": a.seed}, overrides(a.set, None))
     keys = {f.name for f in dataclasses.fields(FleetParams)}
     params = from_dict(FleetParams, {k: v for k, v in options.items() if k in keys}, "fleet")
     job = runner.Job("", (), options={k: v for k, v in options.items() if k not in keys})

@@ -15,13 +15,13 @@ from ..tracks import Track
 from .params import CUTS
 
 
-def parts(name: str, tracks: Sequence[Track], least: int) -> tuple[list[list[Track]], list[str]]:
+def parts(name: str, tracks: Sequence[Track], fewest: int) -> tuple[list[list[Track]], list[str]]:
     """Divide tracks where a model cannot follow them, with a sentence for each cut and loss.
 
     Args:
         name: Name of the record, for messages.
         tracks: Signals in the order in which they were written.
-        least: Smallest number of readings of an angle in a part; shorter parts are left out.
+        fewest: Smallest number of readings of an angle in a part; shorter parts are left out.
 
     Raises:
         ParameterError: The clocks of some signals were set back, those of others were not.
@@ -31,13 +31,13 @@ def parts(name: str, tracks: Sequence[Track], least: int) -> tuple[list[list[Tra
         notes += _pauses(segment)
     segments = [part for segment in segments for part in _between_pauses(segment)]
     sizes = [max((len(k.t) for k in part if k.role == "q"), default=0) for part in segments]
-    brief = [size < least for size in sizes]
+    brief = [size < fewest for size in sizes]
     if all(brief):
         return segments, notes
     notes += [
-        Doubt(f"part {i} has {size} readings, fewer than {least}, and was left out")
+        Doubt(f"part {i} has {size} readings, fewer than {fewest}, and was left out")
         for i, size in enumerate(sizes, 1)
-        if size < least
+        if size < fewest
     ]
     return [part for part, short in zip(segments, brief, strict=True) if not short], notes
 
@@ -155,9 +155,9 @@ def set_forward(tracks: Sequence[Track], start: float, stop: float) -> bool:
         windows = np.lib.stride_tricks.sliding_window_view(x, 2 * count)
         usual = np.percentile(np.linalg.norm(windows @ even, axis=1), 95.0)
         usual = max(float(usual), 1e-9 * float(np.ptp(x)))
-        near = slice(row - count, row + count)
-        real = _beside_parabola(t[near] - t[row])
-        misfits.append([float(np.linalg.norm(x[near] @ by)) / usual for by in (real, even)])
+        window = slice(row - count, row + count)
+        real = _beside_parabola(t[window] - t[row])
+        misfits.append([float(np.linalg.norm(x[window] @ by)) / usual for by in (real, even)])
     return bool(misfits) and (
         max(real for real, _ in misfits) > CUTS.misfit
         and max(even for _, even in misfits) < CUTS.continues
@@ -192,7 +192,7 @@ def cut_rows(tracks: Sequence[Track]) -> list[int]:
         else:
             rows = np.arange(max(int(overlap[0]) - 1, start), min(stop + 1, len(t)))
             order = rows[np.argsort(t[rows], kind="stable")]
-            longer = [_way(x[order]) / max(_way(x[rows]), 1e-12 * np.ptp(x)) for x in moving]
+            longer = [_path(x[order]) / max(_path(x[rows]), 1e-12 * np.ptp(x)) for x in moving]
             cut = sum(longer) >= len(longer)
         if cut:
             cuts.append(int(row))
@@ -200,7 +200,7 @@ def cut_rows(tracks: Sequence[Track]) -> list[int]:
     return cuts
 
 
-def _way(x: np.ndarray) -> float:
+def _path(x: np.ndarray) -> float:
     return float(np.sum(np.abs(np.diff(x))))
 
 

@@ -147,6 +147,6 @@ class TickParams:
     mostly: float = 0.5
 
 
-CUTS, LINES, SERIES, SLOW, TICKS = (
+CUTS, LINES, SERIES, RATES, TICKS = (
     CutParams(), LineParams(), SeriesParams(), SlowParams(), TickParams()
 )  # fmt: skip

@@ -30,7 +30,7 @@ def single(name: str, tracks: Sequence[Track]) -> None:
         order = np.argsort(track.t, kind="stable")
         second = other_motion(track.x[order])
         if second is not None and not _as_fast(track, order, second, tracks):
-            raise ParameterError(f"{name}: {track.label}: {_words(track, order, second)}")
+            raise ParameterError(f"{name}: {track.label}: {_message(track, order, second)}")
 
 
 def _as_fast(
@@ -48,7 +48,7 @@ def _as_fast(
     return bool(np.nanmedian(measured) > SERIES.own * np.median(needed))
 
 
-def _words(track: Track, order: np.ndarray, second: np.ndarray) -> str:
+def _message(track: Track, order: np.ndarray, second: np.ndarray) -> str:
     x, t = track.x[order], track.t[order]
     rate = 1.0 / max(float(np.median(np.diff(t[second]))), 1e-9)
     constant = float(np.ptp(x[second])) == 0.0
@@ -86,7 +86,7 @@ def other_motion(x: np.ndarray) -> np.ndarray | None:
     return _moving(x, threshold) if standing is None else standing
 
 
-def _standing(x: np.ndarray, back: np.ndarray, least: float) -> np.ndarray | None:
+def _standing(x: np.ndarray, back: np.ndarray, min_distance: float) -> np.ndarray | None:
     """Flags of the most frequent value at reversals; None if it is no second motion."""
     indices = np.unique(np.concatenate([back, back + 1, back + 2]))
     values, counts = np.unique(x[indices], return_counts=True)
@@ -94,17 +94,17 @@ def _standing(x: np.ndarray, back: np.ndarray, least: float) -> np.ndarray | Non
     remaining = np.flatnonzero(~flags)
     if not _mixed(flags) or len(remaining) < SERIES.changes:
         return None
-    fewer = flags if 2 * flags.sum() < len(x) else ~flags
-    if np.mean(np.isin(np.flatnonzero(fewer[1:-1]), back)) < SERIES.spikes:
+    minority = flags if 2 * flags.sum() < len(x) else ~flags
+    if np.mean(np.isin(np.flatnonzero(minority[1:-1]), back)) < SERIES.spikes:
         return None  # values that the motion passes through
     line = np.interp(np.flatnonzero(flags), remaining, x[remaining])
     distance = float(np.median(np.abs(x[flags] - line)))
     rest = x[remaining]
     usual = float(np.median(np.abs(rest[1:-1] - 0.5 * (rest[2:] + rest[:-2]))))
-    return flags if distance > max(least, SERIES.shorter * usual) else None
+    return flags if distance > max(min_distance, SERIES.shorter * usual) else None
 
 
-def _moving(x: np.ndarray, least: float) -> np.ndarray | None:
+def _moving(x: np.ndarray, min_distance: float) -> np.ndarray | None:
     """Flags of the smaller of two smooth motions with long jumps between them; None if one.
 
     Readings that stand out and follow no motion of their own are the joint's, or faults.
@@ -112,14 +112,14 @@ def _moving(x: np.ndarray, least: float) -> np.ndarray | None:
     each = np.abs(np.diff(x))
     labels, jumps = _labels(x, int(np.argmax(each)))
     changed = labels[1:] != labels[:-1]
-    if not _mixed(labels) or float(np.median(jumps[1:][changed])) < least:
+    if not _mixed(labels) or float(np.median(jumps[1:][changed])) < min_distance:
         return None
     within = sum(float(np.sum(np.abs(np.diff(x[labels == side])))) for side in (False, True))
     across, inside = float(np.sum(each[changed])), within - float(np.sum(each[~changed]))
     second = labels == (np.mean(labels) < 0.5)
     moves = np.diff(x[second])
-    rough = np.std(np.diff(moves)) > SERIES.rough * np.std(moves)
-    return None if rough or across <= SERIES.shorter * inside else second
+    is_rough = np.std(np.diff(moves)) > SERIES.rough * np.std(moves)
+    return None if is_rough or across <= SERIES.shorter * inside else second
 
 
 def _mixed(flags: np.ndarray) -> bool:

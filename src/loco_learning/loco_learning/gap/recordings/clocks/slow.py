@@ -19,7 +19,7 @@ from loco_sim.robot.robot import Robot
 
 from ..record import Doubt
 from ..tracks import Track
-from .params import SLOW
+from .params import RATES
 
 interpolate = lazy.module("scipy.interpolate")  # loaded on first use
 
@@ -32,11 +32,11 @@ def undersampled(tracks: Sequence[Track], rate: float, robot: Robot) -> list[Tra
         rate: Rate of angles and commands [Hz].
         robot: Robot that was measured.
     """
-    if not robot.rate_stated or robot.control_rate < SLOW.ratio * rate:
+    if not robot.rate_stated or robot.control_rate < RATES.ratio * rate:
         return []
     rows = {track.t.tobytes() for track in tracks if track.role == "q"}
     commands = [k for k in tracks if k.role.startswith("command_") and k.between == ""]
-    return [k for k in commands if k.t.tobytes() in rows and len(k.t) >= SLOW.samples]
+    return [k for k in commands if k.t.tobytes() in rows and len(k.t) >= RATES.samples]
 
 
 def multiple(rate: float, robot: Robot) -> float:
@@ -72,11 +72,11 @@ def interpolated(track: Track, axis: np.ndarray, robot: Robot) -> tuple[np.ndarr
     the order of convergence from those through every fourth and every second: it is half of each
     step, and small for smooth commands.
     """
-    apart = np.diff(track.t, prepend=-np.inf) > SLOW.close * np.median(np.diff(track.t))
-    track = replace(track, t=track.t[apart], x=track.x[apart])
+    single = np.diff(track.t, prepend=-np.inf) > RATES.close * np.median(np.diff(track.t))
+    track = replace(track, t=track.t[single], x=track.x[single])
     delay = 0.5 / robot.control_rate - 0.5 * float(axis[1] - axis[0])  # mean of a held command
     t = np.clip(axis - delay, track.t[0], track.t[-1])
-    degree = min(SLOW.degrees, key=lambda degree: _error(track, degree, 2))
+    degree = min(RATES.degrees, key=lambda degree: _error(track, degree, 2))
     fine, coarse = (_curve(track, degree, n) for n in (1, 2))
     inside = np.minimum(t, track.t[::2][-1])
     ratio = max(_error(track, degree, 4), 1e-300) / max(_error(track, degree, 2), 1e-300)

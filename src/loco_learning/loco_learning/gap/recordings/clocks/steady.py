@@ -9,11 +9,11 @@ from dataclasses import replace
 import numpy as np
 
 from ..record import Doubt
-from ..tracks import GIVEN, Track
+from ..tracks import INPUTS, Track
 from .params import LINES
 
 
-def steadied(tracks: Sequence[Track], told: list[str]) -> list[Track]:
+def steadied(tracks: Sequence[Track], notes: list[str]) -> list[Track]:
     """Signals with the time stamps of the even clock by which they were read or commanded.
 
     A log may stamp a reading when it arrives, with a variable delay. The earliest stamps then lie
@@ -24,11 +24,11 @@ def steadied(tracks: Sequence[Track], told: list[str]) -> list[Track]:
 
     Args:
         tracks: Signals in the order of their time stamps.
-        told: List to which a sentence is appended for each corrected clock.
+        notes: List to which a sentence is appended for each corrected clock.
     """
     clocks: dict[tuple[bytes, bool], list[Track]] = {}
     for track in tracks:
-        if track.role not in GIVEN:
+        if track.role not in INPUTS:
             clocks.setdefault(_clock_of(track), []).append(track)
     lines = {stamps: even_clock(group[0].t) for (stamps, _), group in clocks.items()}
     moved = {}
@@ -37,7 +37,7 @@ def steadied(tracks: Sequence[Track], told: list[str]) -> list[Track]:
         if even is not None and _smoother(group, even):
             moved[key] = even
             late = 1e3 * (group[0].t - even)
-            told.append(
+            notes.append(
                 Doubt(
                     f"{', '.join(dict.fromkeys(t.role for t in group))}: stamps are up to "
                     f"{late.max():.2f} ms late, {late.mean():.2f} ms on average, on readings "
@@ -49,7 +49,7 @@ def steadied(tracks: Sequence[Track], told: list[str]) -> list[Track]:
 
 def _clock_of(track: Track) -> tuple[bytes, bool]:
     """Time stamps as bytes, and whether they are of a command, which may be sent on a reading."""
-    return track.t.tobytes(), track.role.startswith("command_") or track.role in GIVEN
+    return track.t.tobytes(), track.role.startswith("command_") or track.role in INPUTS
 
 
 def even_clock(t: np.ndarray) -> np.ndarray | None:

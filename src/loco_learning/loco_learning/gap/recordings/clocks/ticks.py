@@ -19,10 +19,10 @@ def axis(tracks: Sequence[Track], start: float, end: float, rate: float) -> np.n
     """Even times [s], from the first angle within the common time span; at even commands."""
     stamps = next(k.t for k in tracks if k.role == "q")
     first = stamps[min(np.searchsorted(stamps, start - 1e-9), len(stamps) - 1)]
-    given = [k.t for k in tracks if k.role.startswith("command_")]
-    phase = [(t - given[0][0]) * rate for t in given]
+    command_times = [k.t for k in tracks if k.role.startswith("command_")]
+    phase = [(t - command_times[0][0]) * rate for t in command_times]
     if all(np.max(np.abs(p - np.round(p))) <= TICKS.even for p in phase):
-        first = given[0][0] + round((first - given[0][0]) * rate) / rate
+        first = command_times[0][0] + round((first - command_times[0][0]) * rate) / rate
     return first + np.arange(max(int((end - first) * rate + 1e-6) + 1, 0)) / rate
 
 
@@ -56,7 +56,7 @@ def sample(track: Track, axis: np.ndarray) -> np.ndarray:
         turns = np.exp(2j * np.pi * (t - axis[0]) / (every * step))
         phase = round(every * float(np.angle(np.mean(turns))) / (2.0 * np.pi)) % every
         values = np.full(len(axis), np.nan)
-        values[phase::every] = _own(track, axis[phase::every], every * step)
+        values[phase::every] = _at_readings(track, axis[phase::every], every * step)
         return values
     row = np.searchsorted(t, axis + TICKS.even * step, side="right") - 1
     inside = (row >= 0) & (axis <= t[-1] + TICKS.even * step)
@@ -67,10 +67,10 @@ def sample(track: Track, axis: np.ndarray) -> np.ndarray:
     share = np.where(on | (width <= 0.0), 0.0, (axis - t[row]) / np.where(width > 0.0, width, 1.0))
     value = x[row] + np.where(share > 0.0, share * (x[following] - x[row]), 0.0)
     valid = inside & (on | (width <= CUTS.silence * usual))
-    own = np.full(len(axis), np.nan)
+    sampled = np.full(len(axis), np.nan)
     if track.role in TICKS.smooth:
-        own = np.where(on, np.nan, _own(track, axis, step))
-    return np.where(np.isfinite(own), own, np.where(valid, value, np.nan))
+        sampled = np.where(on, np.nan, _at_readings(track, axis, step))
+    return np.where(np.isfinite(sampled), sampled, np.where(valid, value, np.nan))
 
 
 def lost(track: Track, axis: np.ndarray) -> np.ndarray:
@@ -99,7 +99,7 @@ def _closest(track: Track, axis: np.ndarray, step: float) -> tuple[np.ndarray, n
     return rows, tick[rows]
 
 
-def _own(track: Track, axis: np.ndarray, step: float) -> np.ndarray:
+def _at_readings(track: Track, axis: np.ndarray, step: float) -> np.ndarray:
     """Each reading at the closest time, moved there if it is of a motion; NaN elsewhere, (T,)."""
     rows, tick = _closest(track, axis, step)
     moved, late = track.x[rows].astype(float), axis[tick] - track.t[rows]
