@@ -109,7 +109,7 @@ def said(monkeypatch):
     """Everything that the commands write."""
     found = []
     for module in (topics, main.nodes):
-        monkeypatch.setattr(module, "say", found.append)
+        monkeypatch.setattr(module, "write", found.append)
     return lambda: "".join(found)
 
 
