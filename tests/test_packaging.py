@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import argparse
 import ast
 import dataclasses
 import fnmatch
@@ -20,6 +21,7 @@ from pathlib import Path
 import pytest
 from packaging.requirements import Requirement
 
+from loco_bringup.cli.options import workshop
 from loco_control import types
 from loco_control.ros.messages.joint_topics import TABLES
 
@@ -472,3 +474,12 @@ def test_tests_of_a_group_stay_together(request):
     if not getattr(request.config.option, "loadgroup", False):
         pytest.skip("one process, or tests are spread one by one")
     assert request.node.nodeid.endswith("@itself")
+
+
+def test_the_help_of_install_names_every_extra():
+    text = (ROOT / "pyproject.toml").read_text()
+    extras = set(re.findall(r"^optional-dependencies\.(\w+) ", text, re.MULTILINE))
+    parser = argparse.ArgumentParser()
+    workshop.install(parser)
+    named = re.split(r", | or ", parser._positionals._group_actions[-1].help)
+    assert set(named) == extras and len(extras) > 10

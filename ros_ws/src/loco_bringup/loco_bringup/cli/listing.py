@@ -86,7 +86,7 @@ def _bags() -> tuple[str, tuple, list]:
             rows.append((str(folder), length, bag.metadata.get("experiment", "")))
         except LocoError as error:
             rows.append((str(folder), "?", str(error)))
-    return "Bags (loco info BAG, loco report BAG)", ("folder", "length", "experiment"), rows
+    return "Bags (loco info BAG)", ("folder", "length", "experiment"), rows
 
 
 _LISTS: dict[str, Callable[[], tuple[str, tuple, list]]] = {

@@ -19,8 +19,8 @@ def install(p: ArgumentParser) -> None:
 
     In a clone `./loco install` installs the versions of its lock file.
     """
-    p.add_argument("extra", nargs="+", help="view, rl, ppo, lerobot, cluster, dynamixel, battery, "
-                   "docs, test or ros")  # fmt: skip
+    p.add_argument("extra", nargs="+", help="view, foxglove, rl, ppo, mpc, lerobot, dynamixel, "
+                   "cluster, ros1, battery, docs, test or ros")  # fmt: skip
 
 
 @command("completion", "cli.listing:show_completion", "print what makes a shell complete loco: "
