@@ -35,8 +35,9 @@ SUITES: dict[str, tuple[list[str], str]] = {
         ["tests/ros/test_network.py", "tests/ros/test_discovery.py"], "all pass, none is skipped",
     ),
     "whole suite": ([], "all pass"),
-    "coverage": (COVERED[:1], "all pass, and cover 90 % of lines and branches"),
+    "coverage": (["--cov"], "all pass, and cover 90 % of lines and branches"),
 }  # fmt: skip
+WHOLE = {"whole suite": ALL_TESTS, "coverage": [*ALL_TESTS, *COVERED]}
 
 
 def run_tests(arguments: list[str]) -> int:
@@ -51,9 +52,7 @@ def run_tests(arguments: list[str]) -> int:
     name = next((name for name, (words, _) in SUITES.items() if words == arguments), "")
     with tempfile.TemporaryDirectory() as folder:
         results, coverage = Path(folder, "tests.xml"), Path(folder, "coverage.json")
-        everything = ALL_TESTS + (COVERED if arguments else [])
-        partly = arguments not in ([], COVERED[:1])
-        for chosen in [arguments] if partly else [KERNELS, everything]:
+        for chosen in [KERNELS, WHOLE[name]] if name in WHOLE else [arguments]:
             kept = [f"--junitxml={results}"] if name else []
             kept += [f"--cov-report=json:{coverage}"] if "--cov" in chosen else []
             words = [sys.executable, "-m", "pytest", *kept, *chosen]

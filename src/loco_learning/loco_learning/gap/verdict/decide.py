@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -57,12 +58,12 @@ class References:
     base: Fitted
     persistence: Sequence[np.ndarray] = ()
 
-    @property
+    @cached_property
     def held(self) -> Sequence[np.ndarray]:
         """Held-out residuals of the user's own model, or of persistence where that is better."""
         return self._better(self.given.held.residuals)
 
-    @property
+    @cached_property
     def whole(self) -> Sequence[np.ndarray]:
         """The same of the model with nominal values refitted, on all data."""
         return self._better(self.base.whole)
