@@ -24,7 +24,8 @@ class Linear:
         self.base = noise * rng.standard_normal(200) - sum(v * columns[k] for k, v in truth.items())
         self.forward = SimpleNamespace()
 
-    def fewer(self, pieces):
+    @property
+    def sparse(self):
         return self
 
     def vector(self, specs, coarse=False):

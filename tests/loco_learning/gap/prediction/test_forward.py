@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from loco_control.exceptions import ParameterError
+from loco_learning.gap.prediction import running
 from loco_learning.gap.prediction.forward import Forward, ForwardParams, shifted
 from loco_learning.gap.recordings.record import Record
 from loco_learning.params import JointLearnerParams
@@ -210,6 +211,23 @@ def test_a_shift_leaves_what_is_missing_and_does_not_ring_there():
 def test_a_pickled_one_says_the_same():
     forward = Forward(Model("servo_pendulum"), [recorded("servo_pendulum", EXACT)])
     assert np.array_equal(pickle.loads(pickle.dumps(forward))()[0], forward()[0])
+
+
+def test_a_model_is_simulated_once_but_anew_from_other_initial_states(monkeypatch):
+    runs = []
+    run = running.run
+    monkeypatch.setattr(running, "run", lambda *inputs: runs.append(inputs) or run(*inputs))
+    record = recorded("servo_pendulum", EXACT)
+    forward = Forward(Model("servo_pendulum"), [record], ForwardParams(window=0.2))
+    runs.clear()
+    (first,), (again,) = forward([FRICTION]), forward([FRICTION])
+    assert len(runs) == 1 and np.array_equal(first, again, equal_nan=True)
+    with pytest.raises(ValueError, match="read-only"):
+        again[0] = 0.0
+    others = forward([{**FRICTION, "torque": 0.2}]), forward([FRICTION], {"sim.gravity": 9.0})
+    others += forward([FRICTION], step=0.5), forward.nudged(0.5)([FRICTION])
+    assert len(runs) == 5
+    assert not any(np.array_equal(first, other, equal_nan=True) for (other,) in others)
 
 
 def test_a_robot_without_drives_is_refused():

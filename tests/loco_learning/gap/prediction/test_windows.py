@@ -31,7 +31,7 @@ def swinging(effects: list | None = None, rows: int = 400) -> Record:
     t = np.arange(rows) / 200.0
     push = np.sin(9.0 * t)[:, None] + 0.7 * np.sin(2.3 * t)[:, None]
     silent = Record("p", t, {"torque": push}, ("pivot",), {"q": 0.0 * push}, ("pivot",))
-    q = Forward(Model("pendulum", {}, effects or []), [silent])()[0]
+    q = Forward(Model("pendulum", {}, effects or []), [silent])()[0].copy()
     return Record("p", t, {"torque": push}, ("pivot",), {"q": q}, ("pivot",))
 
 

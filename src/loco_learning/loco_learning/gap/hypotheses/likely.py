@@ -21,7 +21,6 @@ from ..prediction.case import Case
 from ..statistics import evidence
 from .hypotheses import Hypothesis
 
-N_SEGMENTS = 6  # pieces of each record that are simulated
 CONSPICUOUS = 0.5  # share of the largest gap of a joint above which a joint is tested by itself
 MOST_JOINTS = 4  # conspicuous joints; with more of them, none is tested by itself
 MAX_HYPOTHESES = 24  # hypotheses that are kept
@@ -88,7 +87,7 @@ def share(case: Case, hypothesis: Hypothesis) -> tuple[float, list[float]]:
     Returns:
         The share, and the coordinates there.
     """
-    subset = case.fewer(N_SEGMENTS)
+    subset = case.sparse
     before = subset.vector([], coarse=True)
     starts = hypothesis.starts()
     both_ways = [s for s in starts[1:] if _opposite(hypothesis, s, starts[0])]

@@ -25,6 +25,7 @@ RATIO = 1.12  # largest ratio of simulated and linearised cost (1.05: one test i
 ROUNDS = 3  # simulations per refitted value if the linearisation fails (taste)
 MAX_LINEARISATIONS = 3  # linearisations, each about the last solution, until it converges (taste)
 SMALL = 0.2  # rms [floors] below which a change of the step or linearisation error is negligible
+N_SEGMENTS = 6  # pieces of each record in a sparse case (taste)
 CAP = 20.0  # bound on residuals, over the largest one of the initial model: beyond, a robot fell
 
 
@@ -104,10 +105,11 @@ class Case:
         only = list(range(len(self.records))) if only is None else list(only)
         return self._refitted(specs, overrides, only, coarse)[0]
 
-    def fewer(self, max_segments: int) -> Case:
-        """The case with at most `max_segments` pieces of each record on the ground."""
+    @cached_property
+    def sparse(self) -> Case:
+        """The case with at most `N_SEGMENTS` pieces of each record on the ground."""
         loose = self.loose and replace(self.loose, grams={})  # they depend on the measured rows
-        return replace(self, forward=self.forward.fewer(max_segments), loose=loose, lines={})
+        return replace(self, forward=self.forward.fewer(N_SEGMENTS), loose=loose, lines={})
 
     def kept(self) -> Case:
         """The case in which only the initial states of the records are refitted."""

@@ -10,6 +10,7 @@ The sensors of the model add no quantisation and no noise: noise in a prediction
 from __future__ import annotations
 
 import json
+from collections import OrderedDict
 from collections.abc import Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass, replace
@@ -38,6 +39,7 @@ from .odometry import Legs
 from .running import Start
 
 MAX_ROBOTS = 256  # size of the cache of robots
+MAX_BYTES = 2**25  # size of the cache of predictions, at least one (taste)
 REST_SPEED, AT_HOME = 0.3, 0.02  # speed [rad/s] and distance from standing [rad] of a robot at rest
 MIN_FALL = 2e-4  # fall of a joint before its first sample [rad]
 SIGMAS = 5.0  # sensor deviations above which a joint of a fixed robot is not in its standing pose
@@ -97,6 +99,7 @@ class Forward:
         self.model, self.records = model, tuple(records)
         self.params = params or ForwardParams()
         self._robots: dict[Any, Robot] = {}
+        self._runs: OrderedDict[str, np.ndarray] = OrderedDict()
         self._said: dict[int, Legs | None] = {}
         robots = [self._robot(index, {}, 1.0) for index in range(len(self.records))]
         if not robots or not all(robot.drives for robot in robots):
@@ -176,7 +179,13 @@ class Forward:
         return self._robots[key]
 
     def __getstate__(self) -> dict[str, Any]:
-        return {**self.__dict__, "_robots": {}}
+        return {**self.__dict__, "_robots": {}, "_runs": OrderedDict()}
+
+    def __copy__(self) -> Forward:
+        """Copy to which other initial states may be given: same robots, no predictions yet."""
+        other = object.__new__(type(self))
+        other.__dict__.update(self.__dict__, _runs=OrderedDict())
+        return other
 
     def __call__(
         self,
@@ -196,8 +205,8 @@ class Forward:
                 a whole number.
 
         Returns:
-            Ideal sensor readings per record, (T, C); NaN from the time at which the model
-            diverges.
+            Ideal sensor readings per record, (T, C), read-only; NaN from the time at which the
+            model diverges.
 
         Raises:
             LocoError: An effect or an override is invalid.
@@ -208,7 +217,7 @@ class Forward:
         effects = nominal.built([e for e in effects if not _late(e)], drives)
         lag = self._lag(late)
         moved = self._ahead(late)
-        predictions = [moved._run(i, effects, overrides, step) for i in rows]
+        predictions = [moved._known(i, effects, overrides, step) for i in rows]
         for by in np.unique(lag[lag != 0.0]):
             predictions = [
                 np.where(lag == by, shifted(p, by / self.records[i].dt), p)
@@ -400,6 +409,18 @@ class Forward:
             ]
             copies.append(other)
         return copies
+
+    def _known(self, index: int, effects: Any, overrides: Mapping, step: float) -> np.ndarray:
+        """Result of `_run`; a search asks for many models more than once."""
+        key = json.dumps((index, effects, overrides, step))
+        if key in self._runs:
+            self._runs.move_to_end(key)
+            return self._runs[key]
+        run = self._runs[key] = self._run(index, effects, overrides, step)
+        run.flags.writeable = False
+        while len(self._runs) > max(1, MAX_BYTES // max(1, run.nbytes)):
+            self._runs.popitem(last=False)
+        return run
 
     def _run(self, index: int, effects: Any, overrides: Mapping, step: float) -> np.ndarray:
         robot, record = self._robot(index, overrides, step), self.records[index]
