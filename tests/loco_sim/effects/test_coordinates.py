@@ -68,6 +68,16 @@ def test_a_payload_may_sit_anywhere_on_a_base_that_moves(name):
     assert first.place not in {o.place for o in EFFECTS["payload"].offers(held, ("q",), hints)}
 
 
+def test_a_payload_may_sit_beside_the_centre_of_mass_of_a_link_that_turns():
+    """Along the line through it alone, a load at the tip of a bent link was a wrong centre."""
+    arm, place = robot.load("hyq", {"fixed_base": True, "height": 1.0}), [0.3, -0.2, 0.1]
+    offers = EFFECTS["payload"].offers(arm, ("q",), Motion(np.zeros(12), np.zeros(12)))
+    for link in {o.place for o in offers}:
+        (_, *position) = max((o.coordinates for o in offers if o.place == link), key=len)
+        x = [c.inverse(value) for c, value in zip(position, place, strict=True)]
+        assert assemble(position, x)["position"] == pytest.approx(place)
+
+
 def test_friction_that_fades_does_so_at_a_speed_that_a_joint_reached():
     """Beyond, it is Coulomb friction wherever the data look; a speed not known changes nothing."""
     arm, fast = robot.load("hyq", {"fixed_base": True}), np.full(12, np.nan)

@@ -48,6 +48,15 @@ def test_the_time_in_which_a_residual_is_large_is_found():
     assert start == pytest.approx(1.0, abs=0.1) and stop == pytest.approx(1.6, abs=0.1)
 
 
+def test_little_that_is_large_elsewhere_does_not_hide_an_interval():
+    """A refitted mass takes a part of a push and leaves a little in every fast motion."""
+    r = loud((0.5, 1.1))
+    for at in (1.8, 2.6, 3.8):
+        r += 0.4 * (loud((at, at + 0.1)) - loud())
+    start, stop = hints.interval([r], [DT])
+    assert start == pytest.approx(0.5, abs=0.1) and stop == pytest.approx(1.1, abs=0.1)
+
+
 @pytest.mark.parametrize(
     "residuals",
     [

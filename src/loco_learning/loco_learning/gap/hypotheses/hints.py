@@ -20,6 +20,7 @@ from .hypotheses import Hypothesis
 SPEED_TIME = 0.05  # [s] of a speed's average, so that one step of a coarse encoder is no speed
 ENERGY_TIME = 0.1  # [s] over which the energy of a residual is averaged
 QUIET, LOUD_SHARE = 3.0, 0.1  # large energy: above both, times the median and share of the maximum
+LEAST_RUN = 0.1  # share of the large energy in one piece that counts (taste)
 LONGEST_SHARE = 0.7  # largest share of a record that an interval may cover
 MAX_SHIFT = 0.3  # largest difference of the starts of an interval in different records [s]
 MOST_INTERVALS = 3  # largest number of intervals
@@ -169,6 +170,9 @@ def interval(
         loud = np.flatnonzero(
             energy > max(QUIET * max(np.median(energy), 1.0), LOUD_SHARE * energy.max())
         )
+        runs = np.split(loud, np.flatnonzero(np.diff(loud) > 1) + 1)
+        least = LEAST_RUN * energy[loud].sum()
+        loud = np.concatenate([run for run in runs if energy[run].sum() >= least] or [loud[:0]])
         if (
             len(loud) == 0
             or (loud[-1] - loud[0]) > LONGEST_SHARE * len(energy)

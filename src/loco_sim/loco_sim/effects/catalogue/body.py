@@ -24,6 +24,8 @@ from ..places import bodies, links, turning
 from ..pulls import Pull
 
 PAYLOAD_RANGE = 1.5  # range of payload positions on a base, relative to that of its joints (taste)
+ALONG = 1.0, 1.8, 0.4  # first guesses of the place of a payload, over the centre of mass (taste)
+FARTHEST = 5.0  # largest coordinate of a payload on a link that turns [m] (taste)
 _INERTIA = (
     "Atkeson, An, Hollerbach 1986, Estimation of inertial parameters of manipulator loads and "
     "links, Int. J. Robotics Research 5(3)"
@@ -43,6 +45,24 @@ def reached(robot: Any) -> list[tuple[str, tuple[float, ...]]]:
     """Links for external forces: all moving links if the base is fixed, else the base."""
     candidates = links(robot)
     return candidates if robot.fixed_base else candidates[:1]
+
+
+def anywhere(
+    com: Sequence[float], size: float, limit: float, starts: Sequence[float] = (1.0,)
+) -> list[Coordinate]:
+    """Coordinates of a position on a link in all directions, each within `limit` of 0 [m].
+
+    Args:
+        com: Centre of mass of the link [m].
+        size: Unit of the coordinates [m].
+        limit: Largest coordinate of the position [m].
+        starts: Shares of `com` from which a fit starts.
+    """
+    return [
+        Coordinate("position", size, tuple(c / size * v for v in starts), -limit, limit, "m",
+                   direction=tuple(axis))
+        for c, axis in zip(com, AXES, strict=True)
+    ]  # fmt: skip
 
 
 @dataclass
@@ -75,29 +95,27 @@ class Payload(Effect, name="payload"):
 
     @classmethod
     def offers(cls, robot: Any, signals: Sequence[str], motion: Motion) -> list[Offer]:
-        """At the middle of each link, along a rotating link, and anywhere on a moving base."""
+        """At the middle of each link, along a rotating link and beside it, anywhere on a base."""
         text = Description(robot.urdf)
         rows, size = [], max(0.05 * text.mass(), 0.01)
         base = [] if robot.fixed_base else text.fixed_to(text.root_link())
         trunk = next((body for body in bodies(robot) if body in base), "")
         for link, com in links(robot):
-            mass = strength(cls, "mass", size)
+            mass, fixed = strength(cls, "mass", size), (("link", link),)
             if link == trunk:
                 span = max(PAYLOAD_RANGE * text.extent(link), *map(abs, com))
-                at = (
-                    Coordinate("position", span, (c / span,), -span, span, "m", direction=tuple(a))
-                    for c, a in zip(com, AXES, strict=True)
-                )
-                rows.append(Offer(link, (("link", link),), (mass, *at)))
+                rows.append(Offer(link, fixed, (mass, *anywhere(com, span, span))))
             if link in base:
                 continue
             reach = float(np.linalg.norm(com))
             if reach < 1e-3 or not len(turning(robot)):
-                rows.append(Offer(link, (("link", link), ("position", list(com))), (mass,)))
+                rows.append(Offer(link, (*fixed, ("position", list(com))), (mass,)))
                 continue
             along = tuple(float(v) / reach for v in com)
-            at = Coordinate("position", reach, (1.0, 1.8, 0.4), -5.0, 5.0, "m", direction=along)
-            rows.append(Offer(link, (("link", link),), (mass, at)))
+            at = Coordinate("position", reach, ALONG, -FARTHEST, FARTHEST, "m", direction=along)
+            rows.append(Offer(link, fixed, (mass, at)))
+            beside = anywhere(com, reach, FARTHEST, ALONG)
+            rows.append(Offer(link, fixed, (mass, *beside), "beside"))
         return rows
 
     def configure(self, world: Any) -> None:
