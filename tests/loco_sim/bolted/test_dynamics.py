@@ -103,6 +103,19 @@ def test_torques_of_robots_of_others_are_those_of_the_engine(engine, name):
 
 
 @pytest.mark.parametrize("seed", SEEDS)
+def test_torques_of_a_motion_are_those_of_its_rows(seed):
+    """Inertia, bias without weight, and the weight by each component of gravity."""
+    made, _, _ = tree.build(Description((given := random_urdf(seed))[0]), given[1])
+    rows, n = 3, len(made.kin)
+    q, dq, ddq = np.random.default_rng(seed).uniform(-1.0, 1.0, (3, rows, n))
+    moved, held = np.empty((rows, n)), np.empty((rows, n, 3))
+    dynamics.needed(made, q, dq, ddq, *dynamics.workshop(n)[:2], moved, held)
+    for t in range(rows):
+        matrix, bias = equations(made, q[t], dq[t])
+        assert moved[t] + held[t] @ GRAVITY == pytest.approx(matrix @ ddq[t] + bias, abs=1e-12)
+
+
+@pytest.mark.parametrize("seed", SEEDS)
 @pytest.mark.parametrize("free", [False, True])
 def test_a_mass_matrix_is_symmetric_and_nothing_moves_for_free(seed, free):
     made, _, _ = tree.build(Description((given := random_urdf(seed))[0]), given[1], free)

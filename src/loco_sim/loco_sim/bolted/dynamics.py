@@ -247,6 +247,34 @@ def lever(slides, at, along, force, moment):
 
 
 @kernel
+def needed(tree, q, dq, ddq, links, mass_matrix, moved, held):
+    """Inverse dynamics of each row of a motion, in place.
+
+    Args:
+        tree: `tree.Tree`.
+        q: Joint positions [rad or m], (T, n).
+        dq: Joint velocities, (T, n).
+        ddq: Joint accelerations, (T, n).
+        links: First array of `workshop`; overwritten.
+        mass_matrix: Second array of `workshop`; overwritten.
+        moved: Result: torques of the motion without weight [N·m or N], (T, n).
+        held: Result: torques that hold the weight per component of gravity, (T, n, 3).
+    """
+    kin, n = tree[0], q.shape[1]
+    for t in range(len(q)):
+        dynamics(tree, ZERO, q[t], dq[t], links, mass_matrix, moved[t])
+        for i in range(n):
+            for j in range(n):
+                moved[t, i] += mass_matrix[i, j] * ddq[t, j]
+            along, m = vector(links, i, ALONG), links[i, WEIGHT]  # mass moved by the joint
+            if kin[i, 1]:
+                put(held[t], i, 0, (-m * along[0], -m * along[1], -m * along[2]))
+            else:
+                arm = along_by(vector(links, i, FIRST), vector(links, i, AT), -m)
+                put(held[t], i, 0, cross(arm, along))
+
+
+@kernel
 def factorise(kin, matrix):
     """L' L of a mass matrix, in place in its lower half; zeros between branches are skipped."""
     for k in range(len(kin) - 1, -1, -1):

@@ -18,7 +18,7 @@ from ..jit import kernel
 from ..world.braking import split
 from .dynamics import advance, workshop
 
-MADE_OF = "1f273a6a8d48"  # of the called kernels, see tests/loco_sim/test_kernel_caches.py
+MADE_OF = "5bdeb1760cc4"  # of the called kernels, see tests/loco_sim/test_kernel_caches.py
 
 
 @njit(cache=True, error_model="numpy")

@@ -138,16 +138,12 @@ class Bolted:
             weight per component of gravity [N·m per m/s²], (T, n, 3).
         """
         rows, n = q.shape
-        moved, held, none = np.empty((rows, n)), np.empty((rows, 3, n)), np.zeros(n)
-        matrix, links = np.zeros((n, n)), kernels.workshop(n)[0]
-        q, dq, ddq = (np.asarray(x, dtype=float)[:, self._order] for x in (q, dq, ddq))
-        for t in range(rows):
-            for k, direction in enumerate(np.eye(3)):
-                kernels.dynamics(self._tree, direction, q[t], none, links, matrix, held[t, k])
-            kernels.dynamics(self._tree, np.zeros(3), q[t], dq[t], links, matrix, moved[t])
-            moved[t] += matrix @ ddq[t]
+        moved, held = np.empty((rows, n)), np.empty((rows, n, 3))
+        links, matrix = kernels.workshop(n)[:2]
+        motion = (np.ascontiguousarray(x[:, self._order], dtype=float) for x in (q, dq, ddq))
+        kernels.needed(self._tree, *motion, links, matrix, moved, held)
         back = np.argsort(self._order)
-        return moved[:, back], held[:, :, back].transpose(0, 2, 1)
+        return moved[:, back], held[:, back]
 
     @property
     def gravity(self) -> np.ndarray:

@@ -32,7 +32,7 @@ from ..drives.servo_kernels import DEMAND, GAIN, LIMIT, PASSIVE
 from ..geometry import Triple, rotation_matrix
 from ..robot.description import Description
 
-MADE_OF = "7cadf317035a"  # of the called kernels, see tests/loco_sim/test_kernel_caches.py
+MADE_OF = "8fed1d103329"  # of the called kernels, see tests/loco_sim/test_kernel_caches.py
 
 POINT, NORMAL, SPEED, GIVE, FRICTION, TOUCH = 0, 3, 6, 7, 8, 9  # columns of a contact; their number
 SWEEPS = 50  # largest number of iterations over the contacts
