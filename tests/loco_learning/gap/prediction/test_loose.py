@@ -13,7 +13,7 @@ import yaml
 from loco_learning.gap.fitting.fit import weigh
 from loco_learning.gap.prediction import case as cases
 from loco_learning.gap.prediction import loose
-from loco_learning.gap.prediction.forward import Forward
+from loco_learning.gap.prediction.forward import Forward, ForwardParams
 from loco_learning.gap.prediction.running import Start
 from loco_learning.gap.recordings.record import Record
 from loco_learning.gap.statistics import evidence
@@ -78,7 +78,7 @@ def lifted(request, tmp_path):
     (tmp_path / "robot.yaml").write_text(yaml.safe_dump(about))
     model, rng = Model(str(tmp_path)), np.random.default_rng(4)
 
-    def make(first, effects=(), rest=0.0):
+    def make(first, effects=(), rest=0.0, window=0.0):
         t, made = np.arange(700) / 100.0, []
         for at in (0.0, 1.0):
             told = 0.8 + 0.3 * np.sin(4.0 * t + at) * (t > rest)
@@ -90,7 +90,7 @@ def lifted(request, tmp_path):
             (q,) = forward(effects, step=1 / 8)
             q = q + 1e-4 * rng.standard_normal(q.shape)
             made.append(replace(empty, signals={"q": q}).rows(first, first + 400))
-        return cases.prepare(Forward(model, made), made[:1], made[1:])
+        return cases.prepare(Forward(model, made, ForwardParams(window=window)), made[:1], made[1:])
 
     return make
 
@@ -101,6 +101,10 @@ def lifted(request, tmp_path):
 )  # fmt: skip
 def test_what_an_integrator_holds_when_a_record_begins_is_no_gap(lifted, first, rest):
     case = lifted(first, rest=rest)
+    again = copy(case.forward)()
+    assert all(
+        np.array_equal(*pair, equal_nan=True) for pair in zip(case.forward(), again, strict=True)
+    )
     other = replace(case, forward=copy(case.forward), loose=None)
     other.forward._starts = [
         [s._replace(integral=0.0) for s in each] for each in case.forward.starts
@@ -110,6 +114,18 @@ def test_what_an_integrator_holds_when_a_record_begins_is_no_gap(lifted, first, 
         assert evidence.rms(other.bare([])) > 30.0
     else:
         assert all(each[0].integral == 0.0 for each in case.forward.starts)
+
+
+@pytest.mark.parametrize("first", [0, 137], ids=["switched on", "moving"])
+def test_what_an_integrator_holds_when_a_piece_begins_is_no_gap(lifted, first):
+    case = lifted(first, window=0.5)
+    other = replace(case, forward=copy(case.forward), loose=None)
+    other.forward._starts = [
+        [s._replace(integral=0.0) for s in each] for each in case.forward.starts
+    ]
+    assert len(case.forward.starts[0]) == 8
+    assert evidence.rms(case.kept().whitened([])) < 3.0  # each piece begins in a measured speed
+    assert evidence.rms(other.bare([])) > 100.0
 
 
 def test_an_effect_is_told_from_what_an_integrator_holds(lifted):

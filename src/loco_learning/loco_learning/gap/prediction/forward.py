@@ -114,7 +114,7 @@ class Forward:
             for robot in robots
         ]
         self._starts = [
-            windows.segments(*pair, length) if length else with_integrals(*pair, told, start(*pair))
+            with_integrals(*pair, told, windows.segments(*pair, length) if length else start(*pair))
             for pair, told, length in zip(both, self._told, self._lengths, strict=True)
         ]
         if not self.params.window:
@@ -130,14 +130,18 @@ class Forward:
             self._starts = self._switched_on()
 
     def _switched_on(self) -> list[list[Start]]:
-        """Initial states, with integrators of 0 in records that these predict better.
+        """Initial states, with integrators that begin at 0 in records that these predict better.
 
         Drives are switched on there, and the acceleration just after that is hardly known.
         """
-        empty = copy(self)
-        empty._starts = [[s._replace(integral=0.0) for s in each] for each in self._starts]
+        given, empty = copy(self), copy(self)  # predictions of `self` are kept: none yet
+        each = zip(self.records, self._told, self._starts, strict=True)
+        empty._starts = [
+            with_integrals(record, self.robot(i), told, starts, loaded=False)
+            for i, (record, told, starts) in enumerate(each)
+        ]
         found = []
-        runs = zip(self(), empty(), self.measured, self._starts, empty._starts, strict=True)
+        runs = zip(given(), empty(), self.measured, self._starts, empty._starts, strict=True)
         for loaded, unloaded, wanted, *states in runs:
             rows = np.isfinite(wanted) & np.isfinite(loaded)
             first, second = (np.sum(np.where(rows, p - wanted, 0.0) ** 2, axis=0)
@@ -298,14 +302,17 @@ class Forward:
     def doubtful(self) -> list[np.ndarray]:
         """Standard deviation of each initial state, (2n + m,).
 
-        Joint positions, then velocities, then torques of the m integrators of drives. Empty if a
-        record is divided into pieces, or if its robot is initially at rest without an integrator.
+        Joint positions, then velocities, then torques of the m integrators of drives. Of a record
+        that is divided into pieces, whose states are measured, only the torques deviate. Empty for
+        pieces without integrators or on the ground, and for a robot at rest without an integrator.
         """
         found = []
         for i, (record, starts) in enumerate(zip(self.records, self._starts, strict=True)):
-            limits = running.integral_limits(self.robot(i))
-            doubt = *windows.first_doubt(record, self.robot(i)), limits[limits > 0.0]
-            found.append(np.concatenate(doubt if starts and not self._lengths[i] else [[]]))
+            robot, pieces = self.robot(i), bool(self._lengths[i])
+            limits = running.integral_limits(robot)
+            unknown = starts and (not pieces or robot.fixed_base and limits.any())
+            known = [(1 - pieces) * std for std in windows.first_doubt(record, robot)]
+            found.append(np.concatenate([*known, limits[limits > 0.0]] if unknown else [[]]))
         return found
 
     def begun_at(self, by: Sequence[np.ndarray]) -> Forward:
@@ -385,7 +392,7 @@ class Forward:
         ]
 
     def fewer(self, max_segments: int) -> Forward:
-        """Copy with at most `max_segments` pieces of each record on the ground; other rows are NaN."""
+        """Copy with at most `max_segments` pieces of a record on the ground; other rows are NaN."""
         other = copy(self)
         other._starts = [
             windows.select_evenly(starts, max_segments) if self.on_ground(i) else starts
@@ -474,14 +481,26 @@ def start(record: Record, robot: Robot) -> list[Start]:
 
 
 def with_integrals(
-    record: Record, robot: Robot, told: running.CommandSequence, starts: list[Start]
+    record: Record,
+    robot: Robot,
+    told: running.CommandSequence,
+    starts: list[Start],
+    loaded: bool = True,
 ) -> list[Start]:
-    """Initial states with the integrators of the drives as the measured motion needs them."""
-    if not robot.fixed_base or not running.integral_limits(robot).any():
+    """Initial states with the integrators of the drives as the measured motion needs them.
+
+    At the first sample they are as inverse dynamics says if `loaded`, else 0; where later pieces
+    begin, as the drives on the measured motion have changed them since.
+    """
+    if not running.integral_limits(robot).any():
         return starts
-    state = windows.first_state(record, robot)
-    integral = running.integrals(robot, told, running.period(record), state)
-    return [Start(0, len(record.t), *state[:2], integral=integral)]
+    dt, state = running.period(record), windows.first_state(record, robot)
+    first = running.integrals(robot, told, dt, state) if loaded else np.zeros(len(robot.joints))
+    if not starts or (starts[0].row, starts[0].stop) == (0, len(record.t)):
+        return [Start(0, len(record.t), *state[:2], integral=first)] if robot.fixed_base else starts
+    motion = np.stack([bridged(each) for each in windows.joint_states(record, robot)])
+    along = running.integrals_along(robot, told, dt, motion, first)
+    return [s._replace(integral=along[s.row]) for s in starts]
 
 
 def _home(record: Record, robot: Robot, q: np.ndarray) -> np.ndarray:

@@ -12,6 +12,7 @@ import numpy as np
 from loco_control.exceptions import DivergedError, ParameterError
 from loco_sim.bolted.loop import Bolted, Segments, needs_engine
 from loco_sim.drives.actuators import Actuators
+from loco_sim.drives.servo_kernels import INTEGRAL
 from loco_sim.effects.base import Effect
 from loco_sim.plant.orders import CommandSequence, ramped
 from loco_sim.plant.simulation import Simulation
@@ -124,6 +125,30 @@ def integrals(robot: Robot, told: CommandSequence, dt: float, state: np.ndarray)
     loops.follow(*robot.coupled(told.q[0], told.dq[0]))
     given = np.add(loops.torque(*state[:2]), told.tau[0])
     return np.clip(moved[0] + weight[0] @ plant.gravity - given, -limit, limit)
+
+
+def integrals_along(
+    robot: Robot, told: CommandSequence, dt: float, motion: np.ndarray, first: np.ndarray
+) -> np.ndarray:
+    """Torques of integrators while drives act on a measured motion [N·m or N], (T, n).
+
+    Args:
+        robot: The robot.
+        told: Commands.
+        dt: Time between rows [s].
+        motion: Joint positions and velocities, (2, T, n).
+        first: Torques at the first row, (n,).
+    """
+    steps, table = steps_in(dt, robot.sim.physics_rate), motion.transpose(1, 0, 2)
+    loops, found = Actuators(robot, dt / steps), np.zeros(motion[0].shape)
+    loops.start(*table[0], 0, first)
+    changes = np.diff(table, axis=0, append=table[-1:]) / steps
+    for row, (state, change) in enumerate(zip(table, changes, strict=True)):
+        found[row] = loops.rows()[2][:, INTEGRAL]
+        loops.follow(*robot.coupled(told.q[row], told.dq[row]))
+        for k in range(steps):
+            loops.torque(*(state + k * change))
+    return found
 
 
 def run(
