@@ -230,6 +230,17 @@ def test_a_model_is_simulated_once_but_anew_from_other_initial_states(monkeypatc
     assert not any(np.array_equal(first, other, equal_nan=True) for (other,) in others)
 
 
+def test_records_alike_have_one_robot_and_others_their_own():
+    record = recorded("servo_pendulum", EXACT)
+    slow = replace(record, t=1.37 * record.t)
+    light = replace(record, overrides={"sim.gravity": 1.6})
+    forward = Forward(Model("servo_pendulum"), [record, replace(record, name="b"), slow, light])
+    first, second, third, fourth = (forward.robot(i) for i in range(4))
+    assert first is second and first.sim != third.sim and fourth.sim.gravity == 1.6
+    (heavy,) = forward((), {"sim.gravity": 20.0}, only=[0])
+    assert not np.array_equal(heavy, forward((), only=[0])[0])
+
+
 def test_a_robot_without_drives_is_refused():
     record = recorded("servo_pendulum", EXACT)
     with pytest.raises(ParameterError, match="lists no drives"):

@@ -175,11 +175,13 @@ class Forward:
 
     def _robot(self, index: int, overrides: Mapping[str, Any], step: float) -> Robot:
         """The robot of a record, with sensors that add no quantisation and no noise."""
-        key = index, json.dumps(overrides, sort_keys=True), step
+        record = self.records[index]
+        values = json.dumps({**record.overrides, **overrides}, sort_keys=True)
+        key = values, running.period(record), step
         if key not in self._robots:
             if len(self._robots) >= MAX_ROBOTS:
                 self._robots.clear()
-            self._robots[key] = _robot(self.model, self.records[index], overrides, step)
+            self._robots[key] = _robot(self.model, record, overrides, step)
         return self._robots[key]
 
     def __getstate__(self) -> dict[str, Any]:
@@ -454,7 +456,8 @@ def _robot(model: Model, record: Record, overrides: Mapping[str, Any], step: flo
     if robot.sensors:
         robot = replace(robot, sensors=robot.sensors.replace(exact=True))
     sim = robot.sim
-    rate = running.steps_in(record.dt, sim.physics_rate) / (running.period(record) * step)
+    period = running.period(record)
+    rate = running.steps_in(period, sim.physics_rate) / (period * step)
     limit = sim.damping_limit * step  # so that substeps are divided as well
     # The same damping scheme for all effects, so that models differ by their effects only.
     sim = sim.replace(physics_rate=rate, damping_limit=limit, implicit_damping=False)
