@@ -122,6 +122,32 @@ def test_a_look_alike_is_tried_however_many_rivals_there_are():
     assert judging._swaps(best, 0, None)[0].key == "com_offset" and asked == ["com_offset"]
 
 
+@pytest.mark.parametrize(
+    ("effects", "pairs"),
+    [(["cable_force"], ["constant_force + sensor_bias"]), (["cable_force", "slope"], []),
+     (["constant_force"], [])],
+)  # fmt: skip
+def test_two_effects_with_fewer_parameters_are_tried_in_place_of_one(effects, pairs):
+    """A cable was named for a force and a bias, to which the search had added nothing."""
+    counts = {"cable_force": 5, "constant_force": 3, "sensor_bias": 1, "slope": 2, "push": 2}
+
+    def model(*names):
+        size = Coordinate("size", 1.0, (1.0,), 0.0, 10.0, strength=True)
+        parts = [(Hypothesis(n, "knee", (), (size,) * counts[n]), (1.0,)) for n in names]
+        paid = sum(counts[n] for n in names)
+        return Some(parts=parts, names=names, paid=paid, key=" + ".join(names))
+
+    def beside(one, before):
+        others = ("sensor_bias", "push", "cable_force", *one.names)
+        return [Screened(model(n).parts[0][0], 0.5, (1.0,)) for n in others]
+
+    judging = judgement(fits={n: model(n) for n in ("cable_force", "constant_force")})
+    judging.found = Some(screened=[])
+    judging.search = Some(beside=beside, energy=lambda m: 1.0, fitted=list)
+    tried = judging._pairs(model(*effects))
+    assert [" + ".join(h.effect for h, _ in parts) for parts in tried] == pairs
+
+
 def test_all_that_are_weighed_are_fitted_about_the_model_at_hand_and_keep_the_better_fit():
     asked = []
 

@@ -34,6 +34,7 @@ from .sensitivity import sensitivities
 MAX_DEVIATION = 1.0  # deviation of a robot value above which sensitivities are recomputed (taste)
 LEADING = 4  # models that are fitted to convergence in any case
 MIN_PROBABILITY = 0.01  # probability above which a model is fitted to convergence
+N_SIMPLER = 4  # effects to which another is added in place of one with more parameters (taste)
 N_LOOK_ALIKES = 2  # look-alikes that are fitted in any case, if not fitted yet
 ROUNDS = 3  # models that are challenged at most (taste)
 UNNAMED = 1  # the same while the most probable one leaves too much to be named (taste)
@@ -231,7 +232,7 @@ class Judgement:
         without = self._put(self._without(model, i) for i in range(len(model.parts)))
         self.lost[model.key] = tuple(without)
         variants = [m for i, each in enumerate(without) for m in self._swaps(model, i, each)]
-        variants += self._narrowed(model)
+        variants += self._narrowed(model) + self._pairs(model)
         self._finish([*without, *self._put(variants)])
 
     def _narrowed(self, model: Fitted) -> list[Fitted]:
@@ -249,6 +250,20 @@ class Judgement:
             parts.append((hypothesis, x))
         same = {h.key for h, _ in parts} <= {h.key for h, _ in model.parts}
         return [] if same else [self._fitted(parts)]
+
+    def _pairs(self, model: Fitted) -> list[Fitted]:
+        """Two effects with fewer parameters in place of a single one; empty for other models.
+
+        The search adds nothing to an effect that explains the data, as a cable with five may.
+        """
+        singles = [m for m in self.fits.values() if len(m.parts) == 1 and m.paid + 1 < model.paid]
+        parts = []
+        for one in sorted(singles, key=lambda m: (self.search.energy(m), m.key))[:N_SIMPLER]:
+            for s in self.search.beside(one, self.found.screened) if len(model.parts) == 1 else ():
+                fewer = one.paid + len(s.hypothesis.coordinates) < model.paid
+                if fewer and s.hypothesis.effect not in (*one.names, *model.names):
+                    parts.append((*one.parts, (s.hypothesis, s.x)))
+        return self.search.fitted(parts) if parts else []
 
     def _sensitivities(self, model: Fitted) -> tuple:
         """Result of `sensitivities` for a model as it was fitted, computed once."""
