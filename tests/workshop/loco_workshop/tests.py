@@ -23,11 +23,17 @@ ALL_TESTS = ["-q", "-n", "3", "--dist", "loadgroup", "--durations=40", "--durati
 COVERED = ["--cov", "--cov-report=term:skip-covered", "--cov-fail-under=90"]
 
 # Tests in which numba compiles most kernels. They run before, on two workers and without coverage,
-# under which its compiler takes three times as long; whatever process comes later finds them.
+# under which its compiler takes three times as long; whatever process comes later finds them, where
+# three workers would else compile each of them at once.
 KERNELS = ["-q", "-n", "2", "--dist", "loadfile", "--no-loadscope-reorder",
            "tests/loco_sim/new_robot/test_make.py::test_an_arm_of_others_needs_no_engine_to_do_what_it_does_with_it",
            "tests/loco_control/stance/test_controller.py", "tests/loco_sim/msd/test_simulation.py",
-           "tests/loco_sim/plant/test_compiled.py"]  # fmt: skip
+           "tests/loco_sim/plant/test_compiled.py",
+           "tests/workshop/battery/drawn/test_fleet.py::test_a_number_is_one_robot",
+           "tests/loco_learning/runs/test_rollout.py::test_reset_of_the_loop_is_a_new_loop",
+           "tests/loco_learning/runs/test_rollout.py::test_a_robot_with_legs_follows_oscillators_too",
+           "tests/loco_sim/bolted/test_dynamics.py::test_torques_of_a_motion_are_those_of_its_rows",
+           "tests/loco_sim/drives/test_damping.py::test_drives_keep_to_their_limits"]  # fmt: skip
 
 # Selections of tests whose figures are kept: arguments, and what is required.
 SUITES: dict[str, tuple[list[str], str]] = {

@@ -142,9 +142,10 @@ def _run(
     late = hidden[COMMAND_DELAY, 0, 0]
     for step in range(-settle * steps, total + 1):
         if step % steps == 0:
-            if 0 < step < total:
-                torque[step // steps] = summed / steps
-            summed[:] = 0.0
+            for j in range(len(summed)):
+                if 0 < step < total:
+                    torque[step // steps, j] = summed[j] / steps
+                summed[j] = 0.0
         if step >= 0 and step % every == 0:
             encode(seen[step // every], speed[step // every], memory.state, port, hidden, dt)
         t = (step + 0.5) * dt  # time of the positions; commands change at whole steps
@@ -152,7 +153,8 @@ def _run(
         torques(packed, hidden, memory, port, command[tick], step, dt)
         if outside[0] >= 0.0:
             _outside(engine, body, port.tau, outside, t)
-        summed += memory.drive
+        for j in range(len(summed)):
+            summed[j] += memory.drive[j]
         take_step(engine[0], engine[1])
 
 
