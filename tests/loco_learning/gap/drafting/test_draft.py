@@ -73,7 +73,8 @@ def test_columns_without_names_are_asked_for_by_their_numbers():
 @pytest.mark.parametrize(
     ("name", "step", "unit"),
     [("t", 0.01, "s"), ("time_ms", 10.0, "ms"), ("timestamp", 1e7, "ns"), ("stamp", 1e4, "us"),
-     ("t", 10.0, "ms"), ("__time", 0.01, "s")],
+     ("t", 10.0, "ms"), ("__time", 0.01, "s"), ("time (millisec)", 10.0, "ms"),
+     ("micros", 1e4, "us")],
 )  # fmt: skip
 def test_the_time_and_its_unit_are_told_by_name_and_step(name, step, unit):
     text, rules = drafted([name, "knee_pos", "knee_cmd"], time=step * np.arange(300))
@@ -234,3 +235,50 @@ def test_a_time_by_its_content_is_in_seconds_and_one_that_rises_is_preferred():
         table = tables.Table(Path("a.csv"), columns, clocks=clocks)
         rules = mapping.loads(draft.of_table(table, ()))
         assert (rules.time, rules.time_unit) == (name, 1.0 if name in clocks else 1e-3)
+
+
+def of(folder, text, joints):
+    path = folder / "a.csv"
+    path.write_text(text)
+    return mapping.loads(draft.of_table(tables.read(path), joints))
+
+
+@pytest.mark.parametrize("peak", [900.0, 4000.0])
+def test_whole_numbers_beyond_degrees_are_counts_about_their_middle(peak):
+    turn = 1024 if peak < 1000.0 else 4096
+    wave = np.round(0.5 * turn + (peak - 0.5 * turn) * np.sin(3.0 * T))
+    _, rules = drafted(["t", "knee_pos", "knee_vel"], ["knee"], wave=wave)
+    angle = rules.columns[0]
+    assert angle.unit == "count" and angle.gain == pytest.approx(2.0 * np.pi / turn)
+    assert angle.gain * turn / 2.0 + angle.offset == pytest.approx(0.0)
+    _, rules = drafted(["t", "knee_pos"], ["knee"], wave=np.round(180.0 * np.sin(3.0 * T)))
+    assert rules.columns[0].unit == "deg"
+
+
+def test_the_names_in_a_row_of_a_message_say_the_order_of_its_joints(tmp_path):
+    head = "%time,field.name0,field.name1,field.position0,field.position1,field.effort0\n"
+    rows = "".join(f"{10**7 * i},knee,hip,{i}.5,-{i}.5,0.0\n" for i in range(9))
+    rules = of(tmp_path, head + rows, ["hip", "knee"])
+    assert [(c.column, c.place) for c in rules.columns] == [
+        ("field.position0", "knee"), ("field.position1", "hip")
+    ]  # fmt: skip
+    rules = of(tmp_path, head + rows, ["knee"])
+    assert [c.place for c in rules.columns] == ["knee"]
+
+
+def test_columns_that_are_only_called_as_joints_are_positions(tmp_path):
+    rules = of(tmp_path, "timestamp,hip,knee\n0.0,1.0,2.0\n0.1,1.5,2.5\n0.2,1,2\n", ["hip", "knee"])
+    assert [(c.role, c.place) for c in rules.columns] == [("q", "hip"), ("q", "knee")]
+
+
+def test_a_row_for_each_joint_is_told(tmp_path):
+    rows = "".join(f"{0.1 * i},{joint},{i}\n" for i in range(9) for joint in ("hip", "knee"))
+    with pytest.raises(
+        ParameterError, match="joint names the joint of each row .hip, knee.; write"
+    ):
+        of(tmp_path, "t,joint,position\n" + rows, ["hip", "knee"])
+
+
+def test_a_column_in_newton_metres_goes_before_one_in_ampere():
+    _, rules = drafted(["t", "actual_q_0", "target_current_0", "target_moment_0"], ["knee"])
+    assert [c.column for c in rules.columns] == ["actual_q_0", "target_moment_0"]

@@ -63,6 +63,11 @@ def test_an_optional_signal_without_any_value_was_not_measured(signals, hinge, c
     assert not made.has("dq") and any("not measured" in note for note in made.notes)
 
 
+def test_a_speed_of_zero_beside_a_motion_was_not_measured(signals, hinge):
+    made = align.record("run", signals(dq=0.0), hinge)
+    assert not made.has("dq") and any("dq of hinge is 0 all the time" in n for n in made.notes)
+
+
 def test_a_constant_signal(signals, hinge, change):
     tracks = signals(q=lambda k: change(k, x=np.full(len(k.x), 0.25)), dq=lambda k: None)
     refused(tracks, hinge, "position of hinge is constant at 0.25")

@@ -48,6 +48,21 @@ def test_velocity_and_angle_do_not_fit(signals, hinge, changes, said):
     suspected(signals(**changes), hinge, said)
 
 
+@pytest.mark.parametrize(("dq", "low"), [(None, -1.6), (300.0, -1.6), (300.0, -1e4)])
+def test_whole_numbers_are_counts_whatever_the_limits_and_the_unit_of_speed(
+    signals, hinge, dq, low
+):
+    """Steps of one radian are no angles; a speed in a unit of its own tells nothing of them."""
+
+    def counts(track):
+        return replace(track, x=np.round(track.x * 4096 / (2 * np.pi)) + 2048)
+
+    limits = f'lower="{low}" upper="{-low}"'
+    robot = replace(hinge, urdf=hinge.urdf.replace('lower="-1.6" upper="1.6"', limits))
+    changes = {"q": counts, "command_position": counts, "dq": dq or (lambda k: None)}
+    suspected(signals(**changes), robot, "steps of 1 rad: probably counts; give their scale")
+
+
 @pytest.mark.parametrize("every", [2, 4])
 def test_the_signals_of_a_slow_log_are_compared_where_they_were_read(signals, hinge, every):
     """Between its rows nothing is known, as commands were given more often."""

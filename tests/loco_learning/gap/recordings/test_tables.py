@@ -76,6 +76,23 @@ def test_names_stand_above_the_rows_in_a_comment_or_are_numbers(tmp_path, head, 
     assert table.column(names[1]).tolist() == [1.5, 2.5]
 
 
+def test_a_last_row_may_be_cut_off(tmp_path):
+    table = tables.read(written(tmp_path, "a.csv", "t,q,dq\n0,1,2\n1,2\n"))
+    assert np.isnan(table.column("dq")[1]) and table.column("q").tolist() == [1.0, 2.0]
+
+
+def test_columns_of_one_name_are_one_if_they_are_equal(tmp_path):
+    table = tables.read(written(tmp_path, "a.csv", "t|q|q|u|u\n0|1|1|5|6\n1|2|2|5|7\n"))
+    assert list(table.columns) == ["t", "q"]
+    with pytest.raises(ParameterError, match="two columns named 'u', with different values"):
+        table.column("u")
+
+
+def test_a_first_row_of_a_message_is_no_line_of_names(tmp_path):
+    table = tables.read(written(tmp_path, "a.csv", "0,5,,knee,0.0,0.0\n1,6,,knee,0.1,0.2\n"))
+    assert table.column("5").tolist() == [0.0, 0.1] and "4" in table.texts
+
+
 def test_names_in_a_comment_may_have_spaces_between_tabs(tmp_path):
     table = tables.read(written(tmp_path, "a.txt", "# time [s]\tangle, motor\n0\t1\n1\t2\n"))
     assert list(table.columns) == ["time [s]", "angle, motor"]
@@ -118,6 +135,8 @@ def test_a_column_of_texts_is_in_nobodys_way_until_it_is_asked_for(tmp_path, cel
         ("a.csv", "t,q\n", "no samples"),
         ("a.csv", "t,q\n0.0,1.0,2.0\n", "line 2: 3 fields under 2"),
         ("a.csv", "q,q\n0.0,1.0\n", "two columns named 'q'"),
+        ("a.csv", "t,q,dq\n0,1\n1,2\n", "3 names of columns above 2 values in a row"),
+        ("a.txt", "time [s] angle\n0 1\n1 2\n", "3 names of columns above 2 values in a row"),
         ("a.json", "{", "not JSON"),
         ("a.json", "3", "list of samples"),
         ("a.json", '{"t": [1, 2], "q": [1]}', r"have \[1, 2\] samples"),
@@ -149,6 +168,7 @@ TIMES = {
     "space": ["2026-03-01 23:59:59.000", "2026-03-01 23:59:59.500", "2026-03-02 00:00:00.000"],
     "day": ["23:59:59.0", "23:59:59.5", "00:00:00.0"],
     "comma": ['"23:59:59,0"', '"23:59:59,5"', '"0:00:00,0"'],
+    "any order": ["28/02/2026 23:59:59.0", "28/02/2026 23:59:59.5", "01/03/2026 00:00:00.0"],
 }
 
 

@@ -16,10 +16,18 @@ class Columns:
     name, header = "made", {}
 
     def __init__(self, **columns):
-        self.columns = columns
+        self.columns, self.notes = columns, []
 
     def series(self, column):
         return T, np.array(self.columns[column.column], dtype=float)
+
+
+@pytest.mark.parametrize(("scale", "told"), [(1.0, True), (0.38, False)])
+def test_a_current_without_its_torque_constant_is_told(hinge, scale, told):
+    entry = f"{{column: a, role: tau, joint: hinge, unit: mA, scale: {scale}}}"
+    source = Columns(a=[0, 90, 180, 0, 0, 0])
+    tracks.from_source(source, mapping.loads(f"columns: [{entry}]"), mapping.Rule(), hinge)
+    assert told == any("tau of hinge is a current at 1 N·m per A" in n for n in source.notes)
 
 
 def read(robot, entry, rule=mapping.Rule(), **columns):  # noqa: B008 (frozen)

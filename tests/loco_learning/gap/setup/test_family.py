@@ -280,6 +280,30 @@ def test_an_effort_that_is_a_current_is_told_and_taken_so(judged, mended, factor
     assert family.find_mistakes(*mended([finding])) == []
 
 
+@pytest.mark.parametrize("factor", [0.003, 0.2, 40.0])
+def test_an_effort_of_another_size_is_told_where_gains_are_guessed(judged, factor):
+    found = judged("arm", times("tau_elbow", factor), **drives("arm", 0.5, 3.0))
+    (finding,) = (one for one in found if one.fault == "effort")
+    assert finding.joints == ("elbow",) and not finding.stops
+    assert float(finding.mends[0].value) == pytest.approx(1.0 / factor, rel=0.05)
+
+
+@pytest.mark.parametrize("drawn", [{}, drives("arm", 0.5, 3.0)])
+def test_an_effort_that_cannot_hold_the_weight_is_told(judged, drawn):
+    """Its course is none of the motion, so that no scale is known."""
+    noise = np.random.default_rng(0)
+
+    def change(data):
+        data["tau_shoulder"] = 1e-3 * noise.normal(size=len(data["tau_shoulder"]))
+
+    found = judged("arm", change, **drawn)
+    (finding,) = (one for one in found if one.fault == "effort")
+    assert (finding.joints, finding.mends, finding.stops) == (("shoulder",), (), True)
+    assert (
+        "where inertia and weight need" in finding.says and "leave the column out" in finding.says
+    )
+
+
 @pytest.fixture
 def swinging(recorded, tmp_path):
     """A model and a record of the arm."""

@@ -17,6 +17,8 @@ RATES = (5.0, 5e3)  # plausible rates of logs [Hz]; other units of time are reje
 ALSO = "# Also"  # start of a line on a column that another one replaces
 MOVED = "; nothing else is a command, so this is taken as what moved the joint"
 TURNING = 7.0  # [rad], just above one turn; larger angles are taken as degrees (taste)
+DEGREES = 360.0  # whole numbers beyond it are taken as counts of an encoder (taste)
+ANGLES, UNREAD = ("q", "command_position"), ("dq", "tau")
 
 
 @dataclass(frozen=True)
@@ -31,6 +33,7 @@ class Line:
         unit: Unit; empty is the SI unit.
         topic: Topic in a bag.
         scale: Scale that the user has to fill in; empty where none is needed.
+        offset: Offset in the SI unit; empty where none is needed.
         missing: Texts in the column that are no reading.
         is_named: Whether the column says the name or number of the joint.
     """
@@ -42,8 +45,13 @@ class Line:
     unit: str = ""
     topic: str = ""
     scale: str = ""
+    offset: str = ""
     missing: tuple[str, ...] = ()
     is_named: bool = True
+
+    def also(self, why: str) -> Line:
+        """The line with one more reason."""
+        return replace(self, why=f"{self.why}; {why}")
 
     @property
     def text(self) -> str:
@@ -51,6 +59,7 @@ class Line:
         topic = f"topic: {_quoted(self.topic)}, " if self.topic else ""
         unit = f", unit: {self.unit}" if self.unit else ""
         scale = f", scale: {self.scale}" if self.scale else ""
+        scale += f", offset: {self.offset}" if self.offset else ""
         missing = f", missing: [{', '.join(map(_text, self.missing))}]" if self.missing else ""
         return (
             f"  - {{{topic}column: {_quoted(self.column)}, role: {self.role}, "
@@ -70,11 +79,28 @@ def of_table(table: tables.Table, joints: Sequence[str]) -> str:
     """
     time, head = _time(table)
     value_columns = {name: values for name, values in table.columns.items() if name != time}
-    speed = any(words.guess(name, joints).role == "dq" for name in value_columns)
-    numbered = words.numbered(list(value_columns), joints)
-    columns = {name: _column(table, name, joints, numbered, speed) for name in value_columns}
+    for name, texts in table.labels.items():
+        if len(texts) > 1 and set(texts) <= set(joints):
+            raise ParameterError(
+                f"{table.path.name}: {name} names the joint of each row ({', '.join(texts)}); "
+                "write one row for each time, with columns for each joint such as "
+                f"position.{texts[0]}"
+            )
+    guesses = {name: words.guess(name, joints) for name in value_columns}
+    if not any(said.role for said in guesses.values()):
+        guesses |= {name: words.Guess("q", "", name, "the name of a joint alone: its position?")
+                    for name in value_columns if name in joints}  # fmt: skip
+    unread = [x for x, said in guesses.items()
+              if said.role in UNREAD and not value_columns[x].any()]  # fmt: skip
+    speed = any(said.role == "dq" for x, said in guesses.items() if x not in unread)
+    turn = _counts([x for name, x in value_columns.items() if guesses[name].role in ANGLES])
+    named = {number: texts[0] for name, texts in table.labels.items() if len(texts) == 1
+             if (number := words.number_of_name(name)) is not None}  # fmt: skip
+    numbered = named or words.numbered(list(value_columns), joints)
+    columns = {name: _column(table, name, guesses[name], joints, numbered, speed, turn)
+               for name in value_columns if name not in unread}  # fmt: skip
     lines = [line for drafted in columns.values() for line in drafted]
-    strangers = [x for x, drafted in columns.items() if not drafted and words.guess(x, joints).role]
+    strangers = [x for x, drafted in columns.items() if not drafted and guesses[x].role]
     names = [*value_columns, *(name for name in table.texts if name != time)]
     return written(lines, names, joints, table.path.name, head, strangers)
 
@@ -89,9 +115,9 @@ def written(
 ) -> str:
     """Text of a mapping with one line for each role of a joint.
 
-    Of several columns for a role the first is used, or the first that says its joint, or that it is
-    measured. If no line is a command, and each joint has but one position, measured torques are
-    taken as the commands.
+    Of several columns for a role the first is used, or the first that says its joint, that it is
+    measured, or that needs no scale. If no line is a command, and each joint has but one position,
+    measured torques are taken as the commands.
 
     Args:
         lines: Columns in the order of the file.
@@ -110,7 +136,8 @@ def written(
     if not commanded and len(positions) == len(set(positions)):
         lines = [replace(x, role="command_torque", why=x.why + MOVED) if x.role == "tau" else x
                  for x in lines]  # fmt: skip
-    for line in sorted(lines, key=lambda line: (not line.is_named, not _is_measured(line))):
+    order = sorted(lines, key=lambda x: (not x.is_named, not _is_measured(x), bool(x.scale)))
+    for line in order:
         first.setdefault((line.role, line.joint), line)
     used = [line for line in lines if first[line.role, line.joint] is line]
     robot = f" of the robot ({', '.join(joints)})" * bool(joints)
@@ -165,44 +192,63 @@ def missing(lines: Mapping[tuple[str, str], Line], joints: Sequence[str]) -> lis
 def _column(
     table: tables.Table,
     name: str,
+    guess: words.Guess,
     joints: Sequence[str],
     numbered: Mapping[int, str],
     speed: bool,
+    turn: int,
 ) -> list[Line]:
-    guess = words.guess(name, joints)
     joint, comment = guess.joint, guess.why
     number = words.number(name, joints)
-    if not joint and number is not None:
-        joint = numbered.get(number, "")
-        comment += f", number {number} of the joints: in this order?"
+    if number in numbered and not joint:
+        joint = numbered[number]
+        order = "named in its row" if (joint,) in table.labels.values() else "in this order?"
+        comment += f", number {number} of the joints: {order}"
+        if joints and joint not in joints:
+            return []
     is_named = bool(joint)
     if not joint and len(joints) == 1:
         joint, comment = joints[0], f"{comment}, the only joint"
     if not guess.role or not joint:
         return []
-    unit, reason = _unit(guess.role, guess.unit, table.columns[name], speed)
-    scaled = units.dimension(unit) in ("current", "counts") if unit else False
-    reason += "; scale: N·m per A, from the data sheet" if scaled else ""
+    line = Line(name, guess.role, joint, comment, guess.unit, is_named=is_named)
+    line = _with_unit(line, table.columns[name], speed, turn)
     absent = table.text_rows(name)
     for text, rows in absent.items():
-        reason += f"; “{' '.join(text.split())}” in {len(rows)} rows: no reading?"
-    scale = "1.0" if scaled else ""
-    texts = tuple(absent)
-    return [Line(name, guess.role, joint, comment + reason, unit, "", scale, texts, is_named)]
+        line = line.also(f"“{' '.join(text.split())}” in {len(rows)} rows: no reading?")
+    return [replace(line, missing=tuple(absent))]
 
 
-def _unit(role: str, unit: str, values: np.ndarray, speed: bool) -> tuple[str, str]:
-    """Unit of a column, and the reason for it in words.
+def _with_unit(line: Line, values: np.ndarray, speed: bool, turn: int) -> Line:
+    """Line with the unit of a column, the scale that it needs, and the reason for it.
 
     Where velocities (`speed`) were measured, large angles may be turns: the velocities tell the
-    unit when the recording is read.
+    unit when the recording is read. Whole numbers may be counts, `turn` of them a turn.
     """
-    if unit:
-        return unit, f"; {unit} by its name"
-    peak = float(np.max(np.abs(values), initial=0.0, where=np.isfinite(values)))
-    if role in ("q", "command_position") and peak > TURNING and not speed:
-        return "deg", f"; deg, as it reaches {peak:.4g}: rev, counts?"
-    return "", ""
+    if line.unit:
+        line = line.also(f"{line.unit} by its name")
+        if units.dimension(line.unit) != "current":
+            return line
+        return replace(line, scale="1.0").also("scale: N·m per A, from the data sheet")
+    finite = values[np.isfinite(values)]
+    peak = float(np.max(np.abs(finite), initial=0.0))
+    if line.role in ANGLES and turn and not np.any(finite % 1.0):
+        middle = 0.0 <= np.min(finite, initial=turn) < turn / 2 < peak
+        offset = "-pi" if middle else ""
+        line = replace(line, unit="count", scale=f"2pi/{turn}", offset=offset)
+        line = line.also(f"whole numbers up to {peak:.4g}: counts? See how many are a turn")
+        return line.also("zero in the middle?") if middle else line
+    if line.role in ANGLES and peak > TURNING and not speed:
+        return replace(line, unit="deg").also(f"deg, as it reaches {peak:.4g}: rev, counts?")
+    return line
+
+
+def _counts(columns: Sequence[np.ndarray]) -> int:
+    """Counts a turn of columns of angles, a power of two; 0 if their numbers may be degrees."""
+    finite = (values[np.isfinite(values)] for values in columns)
+    peaks = [np.max(np.abs(x), initial=0.0) for x in finite if not np.any(x % 1.0)]
+    peak = max(peaks, default=0.0)
+    return 1 << int(peak).bit_length() if peak > DEGREES else 0
 
 
 def _time(table: tables.Table) -> tuple[str, list[str]]:

@@ -22,10 +22,10 @@ MEASURED = frozenset(
     "meas measured actual act state states feedback fbk fb present observation ist istwert".split()
 )
 QUANTITIES = {
-    "position": "pos position positions angle angles q theta phi encoder enc",
-    "velocity": "vel velocity velocities dq qd qdot speed speeds omega",
-    "torque": "tau torque torques effort efforts trq force forces load",
-    "current": "current currents cur amps",
+    "position": "pos position positions angle angles q theta phi encoder enc winkel",
+    "velocity": "vel velocity velocities dq qd qdot speed speeds omega drehzahl",
+    "torque": "tau torque torques effort efforts trq force forces load moment moments",
+    "current": "current currents cur amps strom",
 }
 ROLES = {"position": "q", "velocity": "dq", "torque": "tau", "current": "tau"}
 UNITS = {
@@ -35,10 +35,12 @@ UNITS = {
 TIMES = {
     "t": "", "time": "", "zeit": "", "timestamp": "", "stamp": "", "times": "", "clock": "",
     "s": "s", "sec": "s", "secs": "s", "seconds": "s",
-    "ms": "ms", "us": "us", "ns": "ns", "nsec": "ns",
+    "ms": "ms", "us": "us", "ns": "ns", "nsec": "ns", "msec": "ms", "usec": "us",
+    "millis": "ms", "millisec": "ms", "milliseconds": "ms", "micros": "us", "microseconds": "us",
 }  # fmt: skip
 NOISE = frozenset(
-    "joint joints topic data value values dof motor axis achse name header robot the of".split()
+    "joint joints topic field data value values dof motor axis achse header robot the of".split()
+    + ["name", "names"]
 )
 LETTERS = frozenset("a j m".split())  # of axis, joint and motor, before a number
 _OF_WORD = {token: kind for kind, text in QUANTITIES.items() for token in text.split()}
@@ -127,6 +129,12 @@ def number(name: str, joints: Sequence[str] = ()) -> int | None:
     explained |= {token for joint in joints for token in split_name(joint)}
     explained |= {a for a, b in itertools.pairwise(tokens) if a in LETTERS and b.isdigit()}
     return int(digits[0]) if len(digits) == 1 and explained.issuperset(tokens) else None
+
+
+def number_of_name(name: str) -> int | None:
+    """Number in the name of a column of names, such as name0 or joint_names[3]; None of others."""
+    is_name = not {"name", "names"}.isdisjoint(split_name(name))
+    return number(name) if is_name else None
 
 
 def numbered(names: Sequence[str], joints: Sequence[str]) -> dict[int, str]:

@@ -74,7 +74,7 @@ def _commanded(name: str, joint: str, present: set[tuple[str, str]], robot: Robo
 
 
 def measured(name: str, tracks: Sequence[Track], notes: list[str]) -> list[Track]:
-    """Tracks that have values; a track of NaN only counts as not measured and is left out.
+    """Tracks that have values; one of NaN only, or of a rate or torque of 0, was not measured.
 
     Raises:
         ParameterError: Some values are not finite, or a required track has no finite value.
@@ -82,7 +82,9 @@ def measured(name: str, tracks: Sequence[Track], notes: list[str]) -> list[Track
     retained = []
     for track in tracks:
         nan = ~np.isfinite(track.x) | ~np.isfinite(track.t)
-        if len(track.x) and not nan.any():
+        if track.role in ("dq", "tau") and len(track.x) and not track.x.any():
+            notes.append(f"{track.label} is 0 all the time and counts as not measured")
+        elif len(track.x) and not nan.any():
             retained.append(track)
             if track.empty:
                 notes.append(

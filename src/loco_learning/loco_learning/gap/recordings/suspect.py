@@ -30,6 +30,7 @@ SLOWEST, FASTEST = 4.0, 2e4  # range of plausible sampling rates [Hz]
 REPEATED = 0.75  # share of steps of 0 above which a time lost its digits; three publishers have 2/3
 RATIO_NEAR = 0.12  # largest distance of a ratio to a known one [log]
 ENCODER_NEAR = 0.05  # the same, for counts of an encoder, a power of two a turn
+COARSEST = 0.5  # largest step of a measured position [rad or m]; larger ones are counts (taste)
 BOTH_WAYS = 0.1  # share of samples of either sign above which a signal changes sign
 POWERS = {"mN m": 1e-3, "N cm": 1e-2, "kN m": 1e3}  # units of torques [N·m]
 TENTH = 0.3  # largest distance of a ratio to a power of ten [log]: friction and rotors, no unit
@@ -105,8 +106,15 @@ def findings(record: Record, robot: Robot) -> Iterator[Finding]:
     for joint in record.joints:
         turning = types.get(joint) != "prismatic"
         of_speed = list(_velocity(record, joint, turning, description))
+        is_known = any(change.role == "q" for one in of_speed for change in one.mends)
+        step = record.resolution.get(("q", joint)) or 0.0
+        if step > COARSEST and not is_known:
+            scale = "2pi/4096 if 4096 are a turn" if turning else "1e-6 if they are micrometres"
+            yield _of_unit(f"q of {joint} has steps of {step:.3g} {'rad' if turning else 'm'}: "
+                           f"probably counts; give their scale, {scale}", joint)  # fmt: skip
+            continue
         yield from of_speed
-        if not any(change.role == "q" for one in of_speed for change in one.mends):
+        if not is_known:
             yield from _command(record, joint, description) if turning else ()
             yield from _limits(record, joint, turning, description)
     yield from _torque(record, robot)

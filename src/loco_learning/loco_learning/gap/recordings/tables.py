@@ -22,7 +22,10 @@ SUFFIXES = (".csv", ".txt", ".tsv", ".dat", ".json", ".jsonl", ".pt", ".parquet"
 BINARY = {".pt": foreign.torch_columns, ".parquet": foreign.parquet_columns}
 EMPTY = ("", "none", "null", "nan", "na")
 HALF_DAY = 43200.0  # [s]; a time of day that falls by more has passed midnight
-_TIME_OF_DAY = re.compile(r"(\d+):(\d\d):(\d\d(?:[.,]\d+)?)")
+# After a date whose order of day and month is not known, which the time between rows does not need.
+_TIME_OF_DAY = re.compile(
+    r"(?:\d{1,4}[./-]\d{1,2}[./-]\d{1,4},?[T ] *)?(\d+):(\d\d):(\d\d(?:[.,]\d+)?)"
+)
 _DATE = re.compile(
     r"(\d{4}-\d\d-\d\d)[T ](\d\d:\d\d:\d\d)(?:[.,](\d+))? ?(?:Z|([+-]\d\d):?(\d\d))?", re.IGNORECASE
 )
@@ -41,6 +44,7 @@ class Table:
             times of day are in seconds.
         header: Other fields of a JSON log.
         texts: Reason why a column holds no numbers, by name; an error if it is used.
+        labels: Different texts of each column of texts, in their order; by name.
         cell_texts: Texts among the numbers of a column, each (T,), empty for a number; by name.
         clocks: Columns that are times by their content: dates, times of day, stamps of two columns.
         notes: Sentences on rows that are no samples.
@@ -50,6 +54,7 @@ class Table:
     columns: dict[str, np.ndarray]
     header: dict[str, Any] = field(default_factory=dict)
     texts: dict[str, str] = field(default_factory=dict)
+    labels: dict[str, tuple[str, ...]] = field(default_factory=dict)
     cell_texts: dict[str, np.ndarray] = field(default_factory=dict)
     clocks: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
@@ -116,8 +121,8 @@ def read(path: str | Path, samples: str = "") -> Table:
     """Read a file, by the extension of its name with or without ``.gz``.
 
     Args:
-        path: Text of rows separated by comma, semicolon, tab or spaces, JSON, JSON lines, ``.pt``
-            or ``.parquet``. Columns without a line of names are named by their numbers from 1.
+        path: Text of rows separated by comma, semicolon, tab, bar or spaces, JSON, JSON lines,
+            ``.pt`` or ``.parquet``. Columns without a line of names have their numbers from 1.
         samples: Field of a JSON log that is its list of samples; empty: the only list.
 
     Raises:
@@ -141,7 +146,7 @@ def read(path: str | Path, samples: str = "") -> Table:
     else:
         table = _from_csv(path, text)
     if not table.columns or not len(table):
-        raise ParameterError(f"{path.name} has no samples")
+        raise ParameterError(next(iter(table.texts.values()), f"{path.name} has no samples"))
     return table
 
 
@@ -159,18 +164,20 @@ def _from_csv(path: Path, text: str) -> Table:
     separator = _separator(lines[0])
     first, *rows = parse_csv(lines, path.name, delimiter=separator, skipinitialspace=True)
     names = [name.strip() for name in first]
-    if all(_is_number(name) for name in names if name):
+    if 2 * sum(map(_is_number, names)) > sum(map(bool, names)):
         rows, above = [first, *rows], filled[: filled.index(lines[0])]
         numbers = [str(i + 1) for i in range(len(first))]
         names = _commented(above, separator, len(first)) or numbers
-    rows, notes = _samples(_padded(path, rows, len(names)), names)
+    rows, notes = _samples(_padded(path, rows, names), names)
     cells: dict[str, Sequence[Any]] = {}
+    texts: dict[str, str] = {}
     for name, values in zip(names, zip(*rows, strict=True), strict=False):
-        if name in cells:
-            raise ParameterError(f"{path.name} has two columns named {name!r}")
+        if cells.get(name, values) != values:
+            texts[name] = f"{path.name} has two columns named {name!r}, with different values"
         if name:
             cells[name] = values
-    return _of_cells(path, cells, notes=notes)
+    table = _of_cells(path, {name: cells[name] for name in cells if name not in texts}, notes=notes)
+    return replace(table, texts=table.texts | texts)
 
 
 def _commented(above: Sequence[str], separator: str, width: int) -> list[str]:
@@ -215,6 +222,7 @@ def _of_cells(
     """Table of named columns of cells, with a column for each pair of seconds and nanoseconds."""
     columns: dict[str, np.ndarray] = {}
     messages: dict[str, str] = {}
+    labels: dict[str, tuple[str, ...]] = {}
     marks: dict[str, np.ndarray] = {}
     clocks: list[str] = []
     for name, values in cells.items():
@@ -225,13 +233,17 @@ def _of_cells(
             columns[name], text_cells, is_time = _numbers(path, name, values)
         except ParameterError as error:
             messages[name] = str(error)
+            labels[name] = tuple(
+                dict.fromkeys(str(v).strip() for v in values if v not in ("", None))
+            )
             continue
         clocks += [name] * is_time
         if text_cells is not None:
             marks[name] = text_cells
     stamps = _combined_stamps(columns)
     clocks = [*stamps, *clocks]
-    return Table(path, columns | stamps, header or {}, messages, marks, tuple(clocks), notes)
+    every = columns | stamps
+    return Table(path, every, header or {}, messages, labels, marks, tuple(clocks), notes)
 
 
 def _combined_stamps(columns: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
@@ -271,13 +283,25 @@ def _lists(path: Path, name: str, cells: Sequence[str]) -> dict[str, np.ndarray]
 
 
 def _separator(line: str) -> str:
-    counts = {mark: line.count(mark) for mark in (";", "\t", ",", " ")}
+    counts = {mark: line.count(mark) for mark in (";", "\t", ",", "|", " ")}
     best = max((mark for mark in counts if mark != " "), key=lambda mark: counts[mark])
     return best if counts[best] else " " if counts[" "] else ","
 
 
-def _padded(path: Path, rows: Any, width: int) -> list[Sequence[str]]:
-    full = []
+def _padded(path: Path, rows: Any, names: Sequence[str]) -> list[Sequence[str]]:
+    """Rows as long as the names; short ones, such as the last of a log, end with empty cells.
+
+    Raises:
+        ParameterError: A row is longer, or all are shorter: the names are not those of the cells.
+    """
+    full, width = [], len(names)
+    named = max((i for i, name in enumerate(names, 1) if name), default=0)
+    longest = max(map(len, rows), default=named)
+    if longest < named:
+        raise ParameterError(
+            f"{path.name}: {named} names of columns above {longest} values in a row, so that a "
+            "value may stand under the name of another; correct the first line"
+        )
     for line, row in enumerate(rows, start=2):
         if len(row) > width and any(cell.strip() for cell in row[width:]):
             raise ParameterError(
@@ -348,13 +372,13 @@ def _number(cell: Any, comma: bool = True) -> float | None:
 def _seconds(text: str) -> float | None:
     """Time [s] of a date with a time (ISO 8601, UTC if without zone) or of a time of day, or None.
 
-    Dates count from 1970, times of day from midnight.
+    These dates count from 1970; times of day, also after another date, from midnight.
     """
-    match = _TIME_OF_DAY.fullmatch(text.strip())
-    if match:
-        hours, minutes, seconds = (float(part.replace(",", ".")) for part in match.groups())
-        return 3600.0 * hours + 60.0 * minutes + seconds
     match = _DATE.fullmatch(text.strip())
+    time = None if match else _TIME_OF_DAY.fullmatch(text.strip())
+    if time:
+        hours, minutes, seconds = (float(part.replace(",", ".")) for part in time.groups())
+        return 3600.0 * hours + 60.0 * minutes + seconds
     try:
         date, clock, fraction, hours, minutes = match.groups() if match else [""] * 5
         moment = datetime.fromisoformat(f"{date}T{clock}{hours or '+00'}:{minutes or '00'}")

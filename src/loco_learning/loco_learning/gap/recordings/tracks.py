@@ -91,8 +91,12 @@ def from_source(source: Source, mapping: Mapping, rule: Rule, robot: Robot) -> l
         if not column.file and not column.topic:
             t, x, missing = (part[slice(*rule.rows)] for part in (t, x, missing))
         empty = np.isnan(x) & (missing | (not column.topic))
+        label = f"{column.role} of {column.place}".removesuffix(" of ")
+        if column.role == "tau" and column.unit and abs(column.gain) == units.factor(column.unit):
+            if units.dimension(column.unit) == "current":
+                source.notes.append(Doubt(f"{label} is a current at 1 N·m per A, as its scale is "
+                                          "1; its data sheet has the torque constant"))  # fmt: skip
         if missing.any():
-            label = f"{column.role} of {column.place}".removesuffix(" of ")
             source.notes.append(_omission_note(label, missing, column.missing))
         if not empty.all():  # otherwise the column was not measured
             t, x = t[~empty], x[~empty]

@@ -51,6 +51,8 @@ class Limits:
         same: Distance of q from its command over that of the model, below which both are the same.
         exact: Correlation of efforts and drive torques that differ by a factor alone.
         effort: Ratio above which an effort is in another unit.
+        tiny: Ratio of the torque that inertia and weight need to a measured one that is none of it:
+            ten times what a gravity compensation of 90 % leaves.
         explained: Largest error of the torques that a corrected set-up may leave where they decide,
             over the deviation of the torques: of gains that are guessed, and friction.
         varies: Deviation of a torque over its root mean square below which it tells nothing of
@@ -96,6 +98,7 @@ class Limits:
     same: float = 0.05
     exact: float = 0.99
     effort: float = 1.12
+    tiny: float = 100.0
     explained: float = 0.8
     varies: float = 0.1
     sure: float = 5.0

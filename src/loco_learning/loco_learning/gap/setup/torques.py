@@ -399,7 +399,13 @@ def effort(bench: Bench) -> list[Finding]:
         unit, (by_motion, determined) = _unit(torques, i, tau), _ratio(torques, i, tau)
         gains = None if torques.robot.guessed else regressed(bench, joint)
         if not gains:
-            findings += [_effort(TAU, joint, 1.0 / suspect.POWERS[unit], unit)] if unit else []
+            absurd = determined and abs(np.log(by_motion)) > np.log(suspect.RATIO_FAR)
+            if unit:
+                findings.append(_effort(TAU, joint, 1.0 / suspect.POWERS[unit], unit))
+            elif absurd and not torques.robot.springs:
+                findings.append(_effort(TAU, joint, by_motion))
+            elif unit is None:
+                findings += _tiny(torques, i, joint)
             continue
         ratio = float(gains[0][0]) / torques.robot.drives[joint].kp
         size, power = abs(np.log(ratio)), suspect.power_of_ten(ratio)
@@ -417,6 +423,18 @@ def _effort(role: str, joint: str, ratio: float, unit: str = "") -> Finding:
     note = f"{role} of {joint} is {ratio:.3g} times what inertia, weight and drive ask for: {what}"
     line = Change(MAPPING, *((UNIT, unit) if unit else (SCALE, 1.0 / ratio)), role, joint)
     return Finding("effort", (joint,), note, (line,), stops=False)
+
+
+def _tiny(torques: Torques, joint: int, name: str) -> list[Finding]:
+    """Finding of a measured torque that is far too small for the weight that it should hold."""
+    size, needed = (float(np.median(np.abs(x)))
+                    for x in (torques.tau[:, joint], torques.body_torque(joint)))  # fmt: skip
+    if not size < needed / LIMITS.tiny:
+        return []
+    note = f"tau of {name} is {size:.2g} most of the time, where inertia and weight need " \
+           f"{needed:.2g}: it is a current or in another unit, and needs a scale; or something " \
+           "else holds the weight: then leave the column out"  # fmt: skip
+    return [Finding("effort", (name,), note)]
 
 
 def _unit(torques: Torques, joint: int, torque: np.ndarray) -> str | None:
