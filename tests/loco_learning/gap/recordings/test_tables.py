@@ -76,6 +76,46 @@ def test_names_stand_above_the_rows_in_a_comment_or_are_numbers(tmp_path, head, 
     assert table.column(names[1]).tolist() == [1.5, 2.5]
 
 
+@pytest.mark.parametrize(
+    ("head", "names", "told"),
+    [
+        ("t;q;dq\n[s];[deg];-\n", ["t [s]", "q [deg]", "dq"], 0),
+        ("Device: bench\nkp;30\nt;q;dq\ns;rad;rad/s\n", ["t [s]", "q [rad]", "dq [rad/s]"], 1),
+        ("Recorded on 2021-03-04\n\nt;q;dq\n", ["t", "q", "dq"], 1),
+        ("% t;q;dq\n", ["t", "q", "dq"], 0),
+        ("%;t;q;dq\n", ["t", "q", "dq"], 0),
+        ("//;t;q;dq\n", ["t", "q", "dq"], 0),
+        ("%t;q;dq\n", ["%t", "q", "dq"], 0),
+        ("s;V;A\n", ["s", "V", "A"], 0),
+    ],
+)
+def test_the_names_are_above_the_numbers_and_units_may_be_between(tmp_path, head, names, told):
+    table = tables.read(written(tmp_path, "a.csv", f"{head}0,0;1,5;0\n0,1;2,5;-1\n"))
+    assert [list(table.columns), len(table), len(table.notes)] == [names, 2, told]
+    assert table.column(names[1]).tolist() == [1.5, 2.5]
+
+
+def test_rows_of_events_above_the_numbers_are_no_names(tmp_path):
+    table = tables.read(written(tmp_path, "a.csv", "t,event,q\n0.1,start,\n0.2,,5\n0.3,,6\n"))
+    assert table.column("t").tolist() == [0.1, 0.2, 0.3]
+
+
+@pytest.mark.parametrize("row", ["t:{} q:{}", "t={},q={}", "t: {}, q: {}"])
+def test_cells_may_have_their_names(tmp_path, row):
+    text = "".join(row.format(i, 0.5 * i) + "\n" for i in range(4))
+    if row == "t: {}, q: {}":
+        text = text.replace(", ", ",")
+    table = tables.read(written(tmp_path, "a.txt", text))
+    assert table.column("q").tolist() == [0.0, 0.5, 1.0, 1.5] and list(table.columns) == ["t", "q"]
+
+
+def test_columns_may_be_in_a_mapping_of_a_json_log(tmp_path):
+    table = tables.read(written(tmp_path, "a.json", '{"of": {"t": [0, 1], "q": [2, 3]}, "kp": 3}'))
+    assert table.column("of.q").tolist() == [2.0, 3.0] and table.header == {"kp": 3}
+    with pytest.raises(ParameterError, match="must hold a list of samples or columns"):
+        tables.read(written(tmp_path, "b.json", '{"kp": {"knee": 3}}'))
+
+
 def test_a_last_row_may_be_cut_off(tmp_path):
     table = tables.read(written(tmp_path, "a.csv", "t,q,dq\n0,1,2\n1,2\n"))
     assert np.isnan(table.column("dq")[1]) and table.column("q").tolist() == [1.0, 2.0]
@@ -137,6 +177,7 @@ def test_a_column_of_texts_is_in_nobodys_way_until_it_is_asked_for(tmp_path, cel
         ("a.csv", "q,q\n0.0,1.0\n", "two columns named 'q'"),
         ("a.csv", "t,q,dq\n0,1\n1,2\n", "3 names of columns above 2 values in a row"),
         ("a.txt", "time [s] angle\n0 1\n1 2\n", "3 names of columns above 2 values in a row"),
+        ("a.txt", "% t q dq\n0 1\n1 2\n", "3 names of columns above 2 values in a row"),
         ("a.json", "{", "not JSON"),
         ("a.json", "3", "list of samples"),
         ("a.json", '{"t": [1, 2], "q": [1]}', r"have \[1, 2\] samples"),

@@ -22,8 +22,8 @@ MEASURED = frozenset(
     "meas measured actual act state states feedback fbk fb present observation ist istwert".split()
 )
 QUANTITIES = {
-    "position": "pos position positions angle angles q theta phi encoder enc winkel",
-    "velocity": "vel velocity velocities dq qd qdot speed speeds omega drehzahl",
+    "position": "pos position positions angle angles q qpos theta phi encoder enc winkel",
+    "velocity": "vel velocity velocities dq qd qdot qvel speed speeds omega drehzahl",
     "torque": "tau torque torques effort efforts trq force forces load moment moments",
     "current": "current currents cur amps strom",
 }

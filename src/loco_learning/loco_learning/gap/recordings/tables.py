@@ -15,12 +15,13 @@ import numpy as np
 from loco_control.exceptions import NameUnknownError, ParameterError
 from loco_control.reading import parse_csv, parse_json, read_text, understood
 
-from . import foreign
+from . import foreign, units
 from .record import Doubt
 
 SUFFIXES = (".csv", ".txt", ".tsv", ".dat", ".json", ".jsonl", ".pt", ".parquet")
 BINARY = {".pt": foreign.torch_columns, ".parquet": foreign.parquet_columns}
 EMPTY = ("", "none", "null", "nan", "na")
+PREAMBLE = 50  # lines in which the first row of numbers is looked for (taste)
 HALF_DAY = 43200.0  # [s]; a time of day that falls by more has passed midnight
 # After a date whose order of day and month is not known, which the time between rows does not need.
 _TIME_OF_DAY = re.compile(
@@ -29,6 +30,8 @@ _TIME_OF_DAY = re.compile(
 _DATE = re.compile(
     r"(\d{4}-\d\d-\d\d)[T ](\d\d:\d\d:\d\d)(?:[.,](\d+))? ?(?:Z|([+-]\d\d):?(\d\d))?", re.IGNORECASE
 )
+_MARK = re.compile(r"(%+|//+)(\s+|$)")  # of a comment that has the names
+_KEYED = re.compile(r"([A-Za-z]\w*)\s*[:=]\s*([-+.\d]\S*)")  # a cell such as pos:0.5
 # Columns of the seconds and nanoseconds of one time stamp.
 _SECONDS = re.compile(r"(.*?)[._/ ]*(?:secs?|seconds)", re.IGNORECASE)
 _NANOSECONDS = re.compile(r"(.*?)[._/ ]*n(?:ano)?(?:secs?|seconds)", re.IGNORECASE)
@@ -156,19 +159,14 @@ def _kind(path: Path) -> str:
 
 
 def _from_csv(path: Path, text: str) -> Table:
-    """Columns under a header line, without empty columns that have no name."""
+    """Columns under a line of names, without empty columns that have no name."""
     filled = [line for line in text.splitlines() if line.strip()]
     lines = [line for line in filled if not line.startswith("#")]
     if not lines:
         raise ParameterError(f"{path.name} is empty")
-    separator = _separator(lines[0])
-    first, *rows = parse_csv(lines, path.name, delimiter=separator, skipinitialspace=True)
-    names = [name.strip() for name in first]
-    if 2 * sum(map(_is_number, names)) > sum(map(bool, names)):
-        rows, above = [first, *rows], filled[: filled.index(lines[0])]
-        numbers = [str(i + 1) for i in range(len(first))]
-        names = _commented(above, separator, len(first)) or numbers
+    names, rows, above = _named(path, filled, lines)
     rows, notes = _samples(_padded(path, rows, names), names)
+    notes = (*above, *notes)
     cells: dict[str, Sequence[Any]] = {}
     texts: dict[str, str] = {}
     for name, values in zip(names, zip(*rows, strict=True), strict=False):
@@ -178,6 +176,70 @@ def _from_csv(path: Path, text: str) -> Table:
             cells[name] = values
     table = _of_cells(path, {name: cells[name] for name in cells if name not in texts}, notes=notes)
     return replace(table, texts=table.texts | texts)
+
+
+def _named(
+    path: Path, filled: Sequence[str], lines: Sequence[str]
+) -> tuple[list[str], list[Sequence[str]], list[str]]:
+    """Names of the columns, rows, and a sentence on lines above the names.
+
+    Args:
+        path: The file.
+        filled: Lines that are not empty.
+        lines: Lines that are neither empty nor comments.
+    """
+    top, has_units = _above(lines)
+    separator = _separator(lines[top])
+    first, *rows = parse_csv(lines[top:], path.name, delimiter=separator, skipinitialspace=True)
+    names = [_MARK.sub("", name.strip()) for name in first]
+    names = names[1:] if first[0] and not names[0] else names
+    if has_units:
+        symbols = (cell.strip(" []()") for cell in rows.pop(0))
+        names = [f"{name} [{symbol}]" if symbol.strip("-1") else name
+                 for name, symbol in zip(names, symbols, strict=True)]  # fmt: skip
+    elif all(map(_KEYED.fullmatch, names)):
+        cells = [[_KEYED.fullmatch(cell.strip()) for cell in row] for row in (first, *rows)]
+        names = [match[1] for match in cells[0] if match]
+        rows = [[match[2] if match else "" for match in row] for row in cells]
+    elif _is_mostly_numbers(names):
+        rows, above = [first, *rows], filled[: filled.index(lines[top])]
+        numbers = [str(i + 1) for i in range(len(first))]
+        names = _commented(above, separator, len(first)) or numbers
+    text = f"{top} lines above the names are no samples, the first is {lines[0].strip()!r}"
+    return names, rows, [text] if top else []
+
+
+def _above(lines: Sequence[str]) -> tuple[int, bool]:
+    """Index of the line of names, above the first row of numbers, and whether units are below it.
+
+    The first line if there is no such row, or another row is above it.
+    """
+    for i, (above, line) in enumerate(zip(lines, lines[1:PREAMBLE], strict=False)):
+        cells = line.split(_separator(above))
+        if len(cells) < 2 or not _is_mostly_numbers(cells):
+            continue
+        if i and any(_number(cell) is not None for cell in above.split(_separator(above)) if cell):
+            break  # a row with few numbers, such as an event
+        head = lines[i - 1] if i else ""
+        symbols = above.split(_separator(head or above))
+        if len(head.split(_separator(head))) == len(symbols) and all(map(_is_unit, symbols)):
+            return i - 1, True
+        return i, False
+    return 0, False
+
+
+def _is_mostly_numbers(cells: Sequence[str]) -> bool:
+    """Whether more than half of the cells that are not empty are numbers or times."""
+    filled = [cell.strip().strip('"') for cell in cells if cell.strip()]
+    return 2 * sum(_number(x) is not None or _seconds(x) is not None for x in filled) > len(filled)
+
+
+def _is_unit(cell: str) -> bool:
+    """Whether a cell is a unit, with or without brackets, or empty."""
+    try:
+        return bool(units.dimension(cell.strip().strip('"[]()')))
+    except NameUnknownError:
+        return False
 
 
 def _commented(above: Sequence[str], separator: str, width: int) -> list[str]:
@@ -404,18 +466,27 @@ def _is_number(text: str) -> bool:
     return True
 
 
+def _leaves(value: dict[str, Any], prefix: str = "") -> dict[str, Any]:
+    """Values of nested mappings by their dotted names; lists are values."""
+    leaves: dict[str, Any] = {}
+    for key, inside in value.items():
+        name = f"{prefix}{key}"
+        leaves |= _leaves(inside, f"{name}.") if isinstance(inside, dict) else {name: inside}
+    return leaves
+
+
 def _from_json(path: Path, value: Any, samples: str) -> Table:
     rows, header = value, {}
     if isinstance(value, dict):
+        value = value if any(isinstance(v, list) for v in value.values()) else _leaves(value)
         lists = {k: v for k, v in value.items() if isinstance(v, list) and v}
         records = {k: v for k, v in lists.items() if isinstance(v[0], dict)}
         if not samples and not records and lists:  # a mapping of columns
             header = {k: v for k, v in value.items() if k not in lists}
             return _of_cells(path, _equal(path.name, lists), header)
         samples = samples or (next(iter(records)) if len(records) == 1 else "")
-        if samples not in records:
-            raise NameUnknownError(f"list of samples in {path.name}", samples, records)
-        rows, header = records[samples], {k: v for k, v in value.items() if k != samples}
+        rows = _chosen(path, records, samples)
+        header = {k: v for k, v in value.items() if k != samples}
     if not isinstance(rows, list) or not rows or not all(isinstance(row, dict) for row in rows):
         raise ParameterError(f"{path.name} must hold a list of samples, each with named values")
     rows, notes = _of_runs(path, rows)
@@ -423,6 +494,15 @@ def _from_json(path: Path, value: Any, samples: str) -> Table:
     flattened = [_flatten(row) for row in rows]
     lists = {name: [row.get(name) for row in flattened] for name in names}
     return _of_cells(path, _equal(path.name, lists), header, notes)
+
+
+def _chosen(path: Path, records: dict[str, list], samples: str) -> list:
+    """The list of samples of a JSON log that has this name."""
+    if not records:
+        raise ParameterError(f"{path.name} must hold a list of samples or columns of numbers")
+    if samples not in records:
+        raise NameUnknownError(f"list of samples in {path.name}", samples, records)
+    return records[samples]
 
 
 def _of_runs(path: Path, rows: list[dict[str, Any]]) -> tuple[list[dict], tuple[str, ...]]:
