@@ -87,12 +87,12 @@ def of_table(table: tables.Table, joints: Sequence[str]) -> str:
                 f"position.{texts[0]}"
             )
     guesses = {name: words.guess(name, joints) for name in value_columns}
-    if not any(said.role for said in guesses.values()):
+    if not any(guess.role for guess in guesses.values()):
         guesses |= {name: words.Guess("q", "", name, "the name of a joint alone: its position?")
                     for name in value_columns if name in joints}  # fmt: skip
-    unread = [x for x, said in guesses.items()
-              if said.role in UNREAD and not value_columns[x].any()]  # fmt: skip
-    speed = any(said.role == "dq" for x, said in guesses.items() if x not in unread)
+    unread = [x for x, guess in guesses.items()
+              if guess.role in UNREAD and not value_columns[x].any()]  # fmt: skip
+    speed = any(guess.role == "dq" for x, guess in guesses.items() if x not in unread)
     turn = _counts([x for name, x in value_columns.items() if guesses[name].role in ANGLES])
     named = {number: texts[0] for name, texts in table.labels.items() if len(texts) == 1
              if (number := words.number_of_name(name)) is not None}  # fmt: skip
