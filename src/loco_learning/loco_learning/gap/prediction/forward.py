@@ -22,6 +22,7 @@ import numpy as np
 
 from loco_control.exceptions import ParameterError
 from loco_control.params import Params, parameter
+from loco_sim.bolted.loop import needs_engine
 from loco_sim.drives.spring_kernels import spring_torques
 from loco_sim.effects import EFFECTS, from_list
 from loco_sim.effects.base import Effect
@@ -31,6 +32,8 @@ from loco_sim.plant.model import Model
 from loco_sim.robot.robot import Robot
 from loco_sim.world.world import Setting
 
+from ..recordings.clocks.params import TICKS
+from ..recordings.clocks.stamps import Stamps
 from ..recordings.record import Record, bridged
 from ..statistics import noise
 from . import nominal, odometry, running, windows
@@ -126,6 +129,7 @@ class Forward:
             self._weighed(index, measured(robot, self.channels, self.records[index]))
             for index, robot in enumerate(robots)
         ]
+        self._stamps = [self._stamped(index) for index in range(len(robots))]
         if any(np.any(s.integral) for starts in self._starts for s in starts):
             self._starts = self._switched_on()
 
@@ -223,7 +227,7 @@ class Forward:
         effects = nominal.built([e for e in effects if not _late(e)], drives)
         lag = self._lag(late)
         moved = self._ahead(late)
-        predictions = [moved._known(i, effects, overrides, step) for i in rows]
+        predictions = [moved._cached(i, effects, overrides, step) for i in rows]
         for by in np.unique(lag[lag != 0.0]):
             predictions = [
                 np.where(lag == by, shifted(p, by / self.records[i].dt), p)
@@ -361,6 +365,7 @@ class Forward:
         """
         robot, other = self.robot(), copy(self)
         other.channels = tuple(Channel(s, j, "") for s in ("tau", "q", "dq") for j in robot.joints)
+        other._stamps = [{} for _ in self.records]
         tau, q, dq = np.split(np.concatenate(other()), 3, axis=1)
         for j in (j for j, joint in enumerate(robot.joints) if joint in robot.springs):
             held = spring_torques(q[:, j], dq[:, j], robot.springs[robot.joints[j]].row())
@@ -419,7 +424,7 @@ class Forward:
             copies.append(other)
         return copies
 
-    def _known(self, index: int, effects: Any, overrides: Mapping, step: float) -> np.ndarray:
+    def _cached(self, index: int, effects: Any, overrides: Mapping, step: float) -> np.ndarray:
         """Result of `_run`; a search asks for many models more than once."""
         key = json.dumps((index, effects, overrides, step))
         if key in self._runs:
@@ -437,7 +442,36 @@ class Forward:
         starts = true_starts(record, robot, effects, self._starts[index])
         if self.on_ground(index):
             starts = windows.adjust_starts(robot, effects, starts, self.legs(index))
-        return running.run(robot, effects, self._told[index], starts, dt, self.channels)
+        commands, stamps = self._told[index], self._stamps[index]
+        if not stamps:
+            return running.run(robot, effects, commands, starts, dt, self.channels)
+        parts = running.steps_in(dt, self.robot(index).sim.physics_rate)
+        fine, starts_of_steps = running.divided(commands, starts, parts)
+        steps = running.run(robot, effects, fine, starts_of_steps, dt / parts, self.channels)
+        predicted = steps[::parts].copy()
+        if not {channel.signal for channel in self.channels} <= {*TICKS.smooth}:
+            predicted = running.run(robot, effects, commands, starts, dt, self.channels)
+        for column, each in stamps.items():
+            predicted[each.rows, column] = each.read(steps[:, column], parts)
+        return predicted
+
+    def _stamped(self, index: int) -> dict[int, Stamps]:
+        """Time stamps of the readings of channels that were moved, by column.
+
+        Empty where runs are of the engine, start anew in pieces, or have sensors with a clock.
+        """
+        record, robot = self.records[index], self.robot(index)
+        parts = running.steps_in(record.dt, robot.sim.physics_rate)
+        if parts < 2 or self._lengths[index] or robot.sensors or needs_engine(robot):
+            return {}
+        stamps = {}
+        for column, channel in enumerate(self.channels):
+            if channel.signal in record.moved:
+                joint = record.joints.index(channel.name)
+                moved = record.moved[channel.signal][:, joint] / record.dt
+                read = record.read_of(robot, channel.signal)[:, robot.joints.index(channel.name)]
+                stamps[column] = Stamps.of(read, moved)
+        return stamps
 
     @cached_property
     def numeric(self) -> np.ndarray:

@@ -315,4 +315,5 @@ def _prescribe(record: Record, robot: Robot) -> Record:
         stance={},
         resolution={},
         guessed={},
+        moved={},
     )

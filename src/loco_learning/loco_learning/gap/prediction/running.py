@@ -187,6 +187,17 @@ def run(
     return assembled(robot, channels, readings._asdict(), len(inputs.q))
 
 
+def divided(
+    told: CommandSequence, starts: Sequence[Start], parts: int
+) -> tuple[CommandSequence, list[Start]]:
+    """Commands and initial states of the same run with `parts` rows in place of each."""
+    rows = [s._replace(row=parts * s.row, stop=parts * s.stop) for s in starts]
+    table, which = ramped(np.stack(told[:3], axis=1), parts, told.ramps)
+    power = None if told.power is None else np.repeat(told.power, parts, axis=0)
+    stance = np.repeat(told.stance, parts, axis=0)
+    return CommandSequence(*table[which].transpose(1, 0, 2), power, told.ramps, stance), rows
+
+
 def instants(
     robot: Robot,
     effects: Sequence[Effect],
@@ -209,11 +220,7 @@ def instants(
     torques = [i for i, channel in enumerate(channels) if channel.signal == "tau"]
     if parts < 2 or not torques or needs_engine(robot, effects):
         return change
-    rows = [s._replace(row=parts * s.row, stop=parts * s.stop) for s in starts]
-    table, which = ramped(np.stack(told[:3], axis=1), parts, told.ramps)
-    power = None if told.power is None else np.repeat(told.power, parts, axis=0)
-    stance = np.repeat(told.stance, parts, axis=0)
-    fine = CommandSequence(*table[which].transpose(1, 0, 2), power, told.ramps, stance)
+    fine, rows = divided(told, starts, parts)
     by_step = run(robot, effects, fine, rows, dt / parts, channels)[:, torques]
     by_step = by_step.reshape(len(told.q), parts, -1)  # torque of the step before each
     first = by_step[:, 1]  # under the command of the row

@@ -251,18 +251,20 @@ def _fill(
     data["stance"] = {
         foot: ticks.hold(by["stance", foot], axis) for foot in robot.feet if ("stance", foot) in by
     }
-    signals, guessed = {}, {}
+    signals, guessed, moved = {}, {}, {}
     for role in (*JOINT_SIGNALS, *WIDTHS, "grf"):
         names = joints if role in JOINT_SIGNALS else feet if role == "grf" else AXES[role]
         if any(r == role for r, _ in by):
             signals[role] = _columns(by, role, names, axis, ticks.sample, np.nan)
         if role in signals and role in JOINT_SIGNALS:
             guessed[role] = _columns(by, role, names, axis, ticks.lost, 0.0) > 0.0
+            moved[role] = _columns(by, role, names, axis, ticks.moved, 0.0)
     for role in ("orientation", "base_orientation"):
         if role in signals:
             signals[role] = _unit_length(name, role, signals[role])
     lossy = {role: flags for role, flags in guessed.items() if flags.any()}
-    return data | {"signals": signals, "guessed": lossy}
+    moved = {role: late for role, late in moved.items() if late.any()}
+    return data | {"signals": signals, "guessed": lossy, "moved": moved}
 
 
 def _columns(by: dict, role: str, names: Sequence[str], axis: np.ndarray, how: Any, without: float):

@@ -62,6 +62,8 @@ class Record:
         guessed: Flags of values of joint signals that were not measured, as `signals`:
             interpolated lost readings, and an assumed rest before the record. They serve as
             initial states, but are not compared.
+        moved: Per joint signal the time by which its readings were moved from their time stamps to
+            `t` [s], as `signals`; left out if none was.
         trusted: Whether the user has confirmed all units.
     """
 
@@ -85,6 +87,7 @@ class Record:
     stepped: float = 0.0
     unsure: dict[str, np.ndarray] = field(default_factory=dict)
     guessed: dict[str, np.ndarray] = field(default_factory=dict)
+    moved: dict[str, np.ndarray] = field(default_factory=dict)
     trusted: bool = False
 
     def __post_init__(self) -> None:
@@ -195,6 +198,7 @@ class Record:
             stance={k: v[part] for k, v in self.stance.items()},
             unsure={k: v[part] for k, v in self.unsure.items()},
             guessed={k: v[part] for k, v in self.guessed.items()},
+            moved={k: v[part] for k, v in self.moved.items()},
         )
 
     def rested(self, seconds: float) -> Record:
@@ -218,8 +222,11 @@ class Record:
             values[:count] = 0.0 if kind == "dq" else values[count] if kind == "q" else np.nan
         guessed = {k: np.zeros(signals[k].shape, dtype=bool) for k in ("q", "dq") if k in signals}
         guessed |= {k: before(v) for k, v in self.guessed.items()}
+        moved = {k: before(v) for k, v in self.moved.items()}
         for flags in guessed.values():
             flags[:count] = True
+        for late in moved.values():
+            late[:count] = 0.0
         return replace(
             self,
             t=self.dt * np.arange(count + len(self.t)),
@@ -229,6 +236,7 @@ class Record:
             stance={k: before(v) for k, v in self.stance.items()},
             unsure={k: before(v) for k, v in self.unsure.items()},
             guessed=guessed,
+            moved=moved,
         )
 
     def between(self, start: float, end: float, name: str | None = None) -> Record:

@@ -50,13 +50,8 @@ def sample(track: Track, axis: np.ndarray) -> np.ndarray:
     t, x, step = track.t, track.x, _step(axis)
     usual = period(t) if len(t) > 1 else np.inf
     if usual > TICKS.sparse * step:
-        every = round(min(usual / step, len(axis)))
-        if track.role not in TICKS.smooth or abs(usual / step - every) > TICKS.whole * every:
-            every = 1  # their times are no even part of the axis
-        turns = np.exp(2j * np.pi * (t - axis[0]) / (every * step))
-        phase = round(every * float(np.angle(np.mean(turns))) / (2.0 * np.pi)) % every
-        values = np.full(len(axis), np.nan)
-        values[phase::every] = _at_readings(track, axis[phase::every], every * step)
+        times, values = _times(track, axis), np.full(len(axis), np.nan)
+        values[times] = _at_readings(track, axis[times], times.step * step)
         return values
     row = np.searchsorted(t, axis + TICKS.even * step, side="right") - 1
     inside = (row >= 0) & (axis <= t[-1] + TICKS.even * step)
@@ -78,14 +73,40 @@ def lost(track: Track, axis: np.ndarray) -> np.ndarray:
 
     The error of interpolating between its neighbours may be far larger than the sensor noise.
     """
-    step = _step(axis)
+    step, flags = _step(axis), np.zeros(len(axis))
     if track.role in TICKS.smooth:
-        on, (rows, tick) = np.zeros(len(axis), dtype=bool), _closest(track, axis, step)
+        times = _times(track, axis)
+        rows, tick = _closest(track, axis[times], times.step * step)
+        on = np.zeros(len(axis[times]), dtype=bool)
         on[tick] = np.isfinite(track.x[rows])
     else:
-        row = np.searchsorted(track.t, axis + TICKS.even * step, side="right") - 1
-        on = np.abs(axis - track.t[row.clip(0)]) <= TICKS.even * step
-    return np.where(on | (np.mean(on) < TICKS.mostly), 0.0, 1.0)
+        times, row = slice(None), np.searchsorted(track.t, axis + TICKS.even * step, side="right")
+        on = np.abs(axis - track.t[(row - 1).clip(0)]) <= TICKS.even * step
+    flags[times] = np.where(on | (np.mean(on) < TICKS.mostly), 0.0, 1.0)
+    return flags
+
+
+def moved(track: Track, axis: np.ndarray) -> np.ndarray:
+    """Time by which `sample` moved the reading at each time [s], (T,); 0 where there is none."""
+    late, times = np.zeros(len(axis)), _times(track, axis)
+    if track.role in TICKS.smooth:
+        rows, tick = _closest(track, axis[times], times.step * _step(axis))
+        late[times][tick] = axis[times][tick] - track.t[rows]
+    return np.where(np.abs(late) > TICKS.even * times.step * _step(axis), late, 0.0)
+
+
+def _times(track: Track, axis: np.ndarray) -> slice:
+    """Times to which readings belong: all, or evenly spaced ones if readings are slower."""
+    step = _step(axis)
+    usual = period(track.t) if len(track.t) > 1 else np.inf
+    if usual <= TICKS.sparse * step:
+        return slice(0, None, 1)
+    every = round(min(usual / step, len(axis)))
+    if track.role not in TICKS.smooth or abs(usual / step - every) > TICKS.whole * every:
+        every = 1  # their times are no even part of the axis
+    turns = np.exp(2j * np.pi * (track.t - axis[0]) / (every * step))
+    phase = round(every * float(np.angle(np.mean(turns))) / (2.0 * np.pi)) % every
+    return slice(phase, None, every)
 
 
 def _step(axis: np.ndarray) -> float:
@@ -93,33 +114,49 @@ def _step(axis: np.ndarray) -> float:
 
 
 def _closest(track: Track, axis: np.ndarray, step: float) -> tuple[np.ndarray, np.ndarray]:
-    """Readings that are closest to some time of the axis, and the indices of their times, (K,)."""
+    """Readings that are closest to some time of the axis, and the indices of their times, (K,).
+
+    The last one of several that are closest to the same time.
+    """
     tick = np.floor((track.t - axis[0]) / step + 0.5 - TICKS.even).astype(int)  # halves alike
-    rows = np.flatnonzero((tick >= 0) & (tick < len(axis)))
+    last = np.append(tick[1:] != tick[:-1], True)
+    rows = np.flatnonzero((tick >= 0) & (tick < len(axis)) & last)
     return rows, tick[rows]
 
 
 def _at_readings(track: Track, axis: np.ndarray, step: float) -> np.ndarray:
     """Each reading at the closest time, moved there if it is of a motion; NaN elsewhere, (T,)."""
     rows, tick = _closest(track, axis, step)
-    moved, late = track.x[rows].astype(float), axis[tick] - track.t[rows]
+    late, x = axis[tick] - track.t[rows], track.x.astype(float)
     moves = np.abs(late) > TICKS.even * step
-    if track.role in TICKS.smooth and moves.any():
-        moved[moves] += _change(track, rows[moves], late[moves])
     values = np.full(len(axis), np.nan)
-    values[tick] = moved
+    values[tick] = x[rows]
+    if track.role in TICKS.smooth and moves.any():
+        about, weights = neighbours(track.t, rows[moves], late[moves])
+        values[tick[moves]] += np.sum(weights * (x[about] - x[rows[moves], None]), axis=1)
     return values
 
 
-def _change(track: Track, rows: np.ndarray, late: np.ndarray) -> np.ndarray:
-    """Change of a signal in a time `late` [s] after some readings, by cubics about them, (K,)."""
-    t, x, unit = track.t, track.x, period(track.t)
+def neighbours(t: np.ndarray, rows: np.ndarray, late: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Readings about some others, and their weights in the change of a signal about these.
+
+    The change in a time `late` after a reading is that of a cubic through it: the sum over its
+    neighbours of weight times difference to it.
+
+    Args:
+        t: Time stamps of all readings [s], increasing, (M,).
+        rows: Indices of some of them, (K,).
+        late: Time after each of these [s], (K,).
+
+    Returns:
+        Indices and weights, (K, 2 `TICKS.around` + 1) each; of no neighbours if there are fewer.
+    """
     width = 2 * TICKS.around + 1
     if len(t) < width:
-        return np.zeros(len(rows))
+        return np.zeros((len(rows), 0), dtype=int), np.zeros((len(rows), 0))
+    unit = period(t)
     about = (rows - TICKS.around).clip(0, len(t) - width)[:, None] + np.arange(width)
     powers = ((t[about] - t[rows, None]) / unit)[..., None] ** np.arange(4)
-    rises = x[about] - x[rows, None]
-    gram, moment = np.einsum("kwi,kwj->kij", powers, powers), np.einsum("kwi,kw->ki", powers, rises)
-    cubic = np.linalg.solve(gram, moment[..., None])[:, 1:, 0]
-    return np.sum(cubic * (late / unit)[:, None] ** np.arange(1, 4), axis=1)
+    gram = np.einsum("kwi,kwj->kij", powers, powers)
+    cubic = np.linalg.solve(gram, powers.transpose(0, 2, 1))[:, 1:]
+    return about, np.einsum("kiw,ki->kw", cubic, (late / unit)[:, None] ** np.arange(1, 4))
