@@ -84,6 +84,28 @@ def test_sizes_count_together_and_not_one_by_one(seed):
     assert x == pytest.approx([0.010, 0.012], rel=0.15)
 
 
+class Loaded(Linear):
+    """A load whose weight shows in one column, and its moment in another."""
+
+    def vector(self, specs, coarse=False):
+        left = self.base
+        for s in specs:
+            left = left + s["mass"] * (self.columns["weight"] + s["at"] * self.columns["moment"])
+        return left
+
+
+@pytest.mark.parametrize("at", [-1.5, 0.4, 2.0])
+def test_a_load_is_found_where_it_is_and_not_at_its_first_guess(at):
+    rng = np.random.default_rng(5)
+    columns = {"weight": rng.standard_normal(200), "moment": 4.0 * rng.standard_normal(200)}
+    case = Loaded(columns, {"weight": 2.0, "moment": 2.0 * at})
+    load = (Coordinate("mass", 1.0, (1.0,), 0.0, 10.0, strength=True),
+            Coordinate("at", 1.0, (0.0,), -3.0, 3.0))  # fmt: skip
+    share, x = likely.share(case, Hypothesis("load", "", (), load))
+    assert share > 0.9
+    assert x == pytest.approx([2.0, at], rel=0.2)
+
+
 def case_with(excess):
     """A case whose joints are so far off [floors]."""
     channels = [SimpleNamespace(signal="q", name=j) for j in JOINTS]
