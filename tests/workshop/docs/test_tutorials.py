@@ -5,9 +5,12 @@ import pytest
 
 from loco_workshop.docs.tutorials import follow
 
-pytestmark = [pytest.mark.ros, pytest.mark.xdist_group("graph")]
+pytestmark = pytest.mark.ros
+graph = pytest.mark.xdist_group("graph")
+searches = pytest.mark.xdist_group("tutorials")  # without a graph: beside the tests that have one
 
 
+@graph
 def test_own_robot_and_controller(repository, tmp_path):
     said = list(follow(repository / "docs/tutorial_own.md", tmp_path))
     assert "my_door/picture.png" in said[0]
@@ -15,6 +18,7 @@ def test_own_robot_and_controller(repository, tmp_path):
     assert "my_door: done, 5.0 s simulated" in said[1]
 
 
+@graph
 def test_walking_by_reflex(repository, tmp_path):
     """With the short training of the tests, which is good for a few steps only."""
     short = {"hyq_trot_reflex": "hyq_short", "--duration 12": "--duration 4",
@@ -26,6 +30,7 @@ def test_walking_by_reflex(repository, tmp_path):
     assert "identical" in said[-1]
 
 
+@searches
 def test_a_measured_log(repository, tmp_path):
     """With two candidates in place of all."""
     (tmp_path / "bags").symlink_to(repository / "bags")
@@ -37,6 +42,7 @@ def test_a_measured_log(repository, tmp_path):
     assert "Named: payload in pendulum." in said[3] and "position.z 0.5" in said[3]
 
 
+@searches
 @pytest.mark.timeout(900)  # two minutes of processor time
 def test_a_hidden_gap(repository, tmp_path):
     """Two recordings of 4 s without ROS, two candidates."""

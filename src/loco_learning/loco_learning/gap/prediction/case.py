@@ -193,7 +193,7 @@ class Case:
         if alternative is not None:
             expected = self._cost(left, by)
             has_step_error = not specs and self._apart(left, alternative[0]) > SMALL
-            if has_step_error or not self._told(left, by, *alternative):
+            if has_step_error or not self._agree(left, by, *alternative):
                 starts = [alternative, self._fixed(specs, overrides, 0.0 * by[0])]
                 if fixed:
                     starts.append(self._fixed(specs, overrides, self.loose.deviations(fixed)))
@@ -219,7 +219,7 @@ class Case:
     def straight(self, specs: Sequence[Mapping], overrides: Mapping[str, Any]) -> bool:
         """True if a simulation of the refitted values agrees with the linearisation."""
         left, by, alternative = self._promised(specs, overrides)
-        return alternative is None or self._told(left, by, *alternative)
+        return alternative is None or self._agree(left, by, *alternative)
 
     def _promised(
         self, specs: Sequence[Mapping], overrides: Mapping[str, Any]
@@ -231,7 +231,7 @@ class Case:
             return left, by, None
         return left, by, self._fixed(specs, overrides, by[0])
 
-    def _told(
+    def _agree(
         self, left: list, by: Sequence[np.ndarray], sim: list, at: Sequence[np.ndarray]
     ) -> bool:
         """True if the costs of simulation and linearisation agree within `RATIO`."""

@@ -110,15 +110,17 @@ class Forward:
                 f"robot {model.robot!r} lists no drives in its robot.yaml, or there is no record"
             )
         both = list(zip(self.records, robots, strict=True))
-        self._told = [running.sequence(record, robot) for record, robot in both]
+        self._commands = [running.sequence(record, robot) for record, robot in both]
         self.channels: tuple[Channel, ...] = of(robots, self.records, self.params.signals)
         self._lengths = [
             self.params.window or (0.0 if robot.fixed_base else self.params.ground)
             for robot in robots
         ]
         self._starts = [
-            with_integrals(*pair, told, windows.segments(*pair, length) if length else start(*pair))
-            for pair, told, length in zip(both, self._told, self._lengths, strict=True)
+            with_integrals(
+                *pair, commands, windows.segments(*pair, length) if length else start(*pair)
+            )
+            for pair, commands, length in zip(both, self._commands, self._lengths, strict=True)
         ]
         if not self.params.window:
             self._starts = [
@@ -139,10 +141,10 @@ class Forward:
         Drives are switched on there, and the acceleration just after that is hardly known.
         """
         given, empty = copy(self), copy(self)  # predictions of `self` are kept: none yet
-        each = zip(self.records, self._told, self._starts, strict=True)
+        each = zip(self.records, self._commands, self._starts, strict=True)
         empty._starts = [
-            with_integrals(record, self.robot(i), told, starts, loaded=False)
-            for i, (record, told, starts) in enumerate(each)
+            with_integrals(record, self.robot(i), commands, starts, loaded=False)
+            for i, (record, commands, starts) in enumerate(each)
         ]
         found = []
         runs = zip(given(), empty(), self.measured, self._starts, empty._starts, strict=True)
@@ -162,7 +164,7 @@ class Forward:
         if self._starts[index] or window:  # no prediction outside of the pieces
             values[~within] = np.nan
         if not self._starts[index] and self.robot(index).fixed_base:
-            values[: min(first, rest_length(self._told[index]))] = np.nan
+            values[: min(first, rest_length(self._commands[index]))] = np.nan
         return values
 
     def shown(self, hypotheses: Sequence[Any]) -> list[Any]:
@@ -282,7 +284,7 @@ class Forward:
             if not record.simulated:
                 chain, dt = from_list([*self.model.effects, *specs]), running.period(record)
                 starts = true_starts(record, robot, chain, self._starts[i])
-                run = robot, chain, self._told[i], starts, dt, self.channels
+                run = robot, chain, self._commands[i], starts, dt, self.channels
                 change[..., 2:] = running.instants(*run)
             changes.append(np.nan_to_num(change))
         return changes
@@ -293,7 +295,7 @@ class Forward:
         for i, record in enumerate(self.records):
             command = {k: v + record.unsure.get(k, 0.0) for k, v in record.command.items()}
             commands.append(running.sequence(replace(record, command=command), self.robot(i)))
-        other._told = commands
+        other._commands = commands
         return other
 
     def nudged(self, speed: float) -> Forward:
@@ -442,7 +444,7 @@ class Forward:
         starts = true_starts(record, robot, effects, self._starts[index])
         if self.on_ground(index):
             starts = windows.adjust_starts(robot, effects, starts, self.legs(index))
-        commands, stamps = self._told[index], self._stamps[index]
+        commands, stamps = self._commands[index], self._stamps[index]
         if not stamps:
             return running.run(robot, effects, commands, starts, dt, self.channels)
         parts = running.steps_in(dt, self.robot(index).sim.physics_rate)
@@ -520,7 +522,7 @@ def start(record: Record, robot: Robot) -> list[Start]:
 def with_integrals(
     record: Record,
     robot: Robot,
-    told: running.CommandSequence,
+    commands: running.CommandSequence,
     starts: list[Start],
     loaded: bool = True,
 ) -> list[Start]:
@@ -532,11 +534,11 @@ def with_integrals(
     if not running.integral_limits(robot).any():
         return starts
     dt, state = running.period(record), windows.first_state(record, robot)
-    first = running.integrals(robot, told, dt, state) if loaded else np.zeros(len(robot.joints))
+    first = running.integrals(robot, commands, dt, state) if loaded else np.zeros(len(robot.joints))
     if not starts or (starts[0].row, starts[0].stop) == (0, len(record.t)):
         return [Start(0, len(record.t), *state[:2], integral=first)] if robot.fixed_base else starts
     motion = np.stack([bridged(each) for each in windows.joint_states(record, robot)])
-    along = running.integrals_along(robot, told, dt, motion, first)
+    along = running.integrals_along(robot, commands, dt, motion, first)
     return [s._replace(integral=along[s.row]) for s in starts]
 
 

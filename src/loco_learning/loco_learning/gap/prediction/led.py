@@ -193,7 +193,7 @@ class InverseDynamics(Forward):
     def _run(self, index: int, effects: Any, overrides: Mapping, step: float) -> np.ndarray:
         robot = self._robot(index, overrides, step)
         effects = from_list([*self.model.effects, *effects])
-        inputs, record = self._told[index], self.records[index]
+        inputs, record = self._commands[index], self.records[index]
         starts = [running.Start(0, len(record.t), inputs.q[0], inputs.dq[0])]
         dt = running.period(record)
         readings = running.run(robot, effects, inputs, starts, dt, self._joints)

@@ -102,12 +102,12 @@ def integral_limits(robot: Robot) -> np.ndarray:
     return found
 
 
-def integrals(robot: Robot, told: CommandSequence, dt: float, state: np.ndarray) -> np.ndarray:
+def integrals(robot: Robot, commands: CommandSequence, dt: float, state: np.ndarray) -> np.ndarray:
     """Torques of integrators with which a robot moves as measured [N·m or N], by inverse dynamics.
 
     Args:
         robot: The robot; 0 if it needs the engine.
-        told: Commands.
+        commands: Commands.
         dt: Time between rows [s].
         state: Joint positions, velocities and accelerations at the first row, (3, n).
 
@@ -122,19 +122,19 @@ def integrals(robot: Robot, told: CommandSequence, dt: float, state: np.ndarray)
     loops = Actuators(robot, plant.physics_dt)
     loops.limit(np.full(len(limit), np.inf))
     loops.reset(state[0])
-    loops.follow(*robot.coupled(told.q[0], told.dq[0]))
-    given = np.add(loops.torque(*state[:2]), told.tau[0])
+    loops.follow(*robot.coupled(commands.q[0], commands.dq[0]))
+    given = np.add(loops.torque(*state[:2]), commands.tau[0])
     return np.clip(moved[0] + weight[0] @ plant.gravity - given, -limit, limit)
 
 
 def integrals_along(
-    robot: Robot, told: CommandSequence, dt: float, motion: np.ndarray, first: np.ndarray
+    robot: Robot, commands: CommandSequence, dt: float, motion: np.ndarray, first: np.ndarray
 ) -> np.ndarray:
     """Torques of integrators while drives act on a measured motion [N·m or N], (T, n).
 
     Args:
         robot: The robot.
-        told: Commands.
+        commands: Commands.
         dt: Time between rows [s].
         motion: Joint positions and velocities, (2, T, n).
         first: Torques at the first row, (n,).
@@ -145,7 +145,7 @@ def integrals_along(
     changes = np.diff(table, axis=0, append=table[-1:]) / steps
     for row, (state, change) in enumerate(zip(table, changes, strict=True)):
         found[row] = loops.rows()[2][:, INTEGRAL]
-        loops.follow(*robot.coupled(told.q[row], told.dq[row]))
+        loops.follow(*robot.coupled(commands.q[row], commands.dq[row]))
         for k in range(steps):
             loops.torque(*(state + k * change))
     return found
@@ -188,20 +188,20 @@ def run(
 
 
 def divided(
-    told: CommandSequence, starts: Sequence[Start], parts: int
+    commands: CommandSequence, starts: Sequence[Start], parts: int
 ) -> tuple[CommandSequence, list[Start]]:
     """Commands and initial states of the same run with `parts` rows in place of each."""
     rows = [s._replace(row=parts * s.row, stop=parts * s.stop) for s in starts]
-    table, which = ramped(np.stack(told[:3], axis=1), parts, told.ramps)
-    power = None if told.power is None else np.repeat(told.power, parts, axis=0)
-    stance = np.repeat(told.stance, parts, axis=0)
-    return CommandSequence(*table[which].transpose(1, 0, 2), power, told.ramps, stance), rows
+    table, which = ramped(np.stack(commands[:3], axis=1), parts, commands.ramps)
+    power = None if commands.power is None else np.repeat(commands.power, parts, axis=0)
+    stance = np.repeat(commands.stance, parts, axis=0)
+    return CommandSequence(*table[which].transpose(1, 0, 2), power, commands.ramps, stance), rows
 
 
 def instants(
     robot: Robot,
     effects: Sequence[Effect],
-    told: CommandSequence,
+    commands: CommandSequence,
     starts: Sequence[Start],
     dt: float,
     channels: Sequence[Channel],
@@ -216,13 +216,16 @@ def instants(
         after it; 0 in other channels, with one step per period, and if the engine is needed.
     """
     effects = [effect for effect in effects if not effect.identity.noise]
-    parts, change = steps_in(dt, robot.sim.physics_rate), np.zeros((len(told.q), len(channels), 2))
+    parts, change = (
+        steps_in(dt, robot.sim.physics_rate),
+        np.zeros((len(commands.q), len(channels), 2)),
+    )
     torques = [i for i, channel in enumerate(channels) if channel.signal == "tau"]
     if parts < 2 or not torques or needs_engine(robot, effects):
         return change
-    fine, rows = divided(told, starts, parts)
+    fine, rows = divided(commands, starts, parts)
     by_step = run(robot, effects, fine, rows, dt / parts, channels)[:, torques]
-    by_step = by_step.reshape(len(told.q), parts, -1)  # torque of the step before each
+    by_step = by_step.reshape(len(commands.q), parts, -1)  # torque of the step before each
     first = by_step[:, 1]  # under the command of the row
     previous = np.roll(by_step[:, -1], 1, axis=0)
     before = 2.0 * by_step[:, 0] - previous

@@ -35,7 +35,7 @@ def recorded(jitter, every=1, effects=(), lost=()):
     forward = Forward(Model("pendulum"), [silent])
     robot = forward.robot()
     parts = running.steps_in(1.0 / RATE, robot.sim.physics_rate)
-    fine, starts = running.divided(forward._told[0], forward.starts[0], parts)
+    fine, starts = running.divided(running.sequence(silent, robot), forward.starts[0], parts)
     chain, dt = from_list(list(effects)), 1.0 / RATE / parts
     steps = running.run(robot, chain, fine, starts, dt, forward.channels)[:, 0]
     stamps = t[::every] + np.r_[0.0, jitter * every / RATE * rng.uniform(-1.0, 1.0, COUNT - 1)[
