@@ -69,6 +69,7 @@ NOT_RUN = {
     "docs/gap_measured.md": LONG,
     "docs/gap_rules.md": LONG,
     "docs/gap_setup.md": LONG,
+    "docs/gap_thesis.md": LONG,
     "docs/index.md": "pip, which loco_workshop.wheel tries",
     "docs/learning.md": LONG,
     "docs/live_calibration.md": LONG,
