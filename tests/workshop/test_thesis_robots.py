@@ -21,7 +21,8 @@ SHORT = {
 @pytest.mark.parametrize("name", thesis_robots.SUBJECTS)
 def test_a_recording_is_read_and_only_the_robot_itself_repeats_it(tmp_path, name):
     subject = thesis_robots.SUBJECTS[name]
-    records = {bag: (what, {**values, **SHORT[name]}) for bag, (what, values)
+    short = SHORT[subject.known.robot]
+    records = {bag: (what, {**values, **short}) for bag, (what, values)
                in subject.records.items()}  # fmt: skip
     subject = replace(subject, records=records, brink=())
     folder = tmp_path / "bags"

@@ -103,6 +103,10 @@ SUBJECTS = {
         ),
     ),
 }
+_PUSHED = SUBJECTS["hyq"]
+SUBJECTS["hyq_unpushed"] = replace(
+    _PUSHED, hidden=tuple(effect for effect in _PUSHED.hidden if effect["name"] != "push")
+)
 
 
 def run(robot: str | Path, one: Run, seed: int = 0) -> Log:
