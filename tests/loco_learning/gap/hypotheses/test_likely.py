@@ -106,6 +106,21 @@ def test_a_load_is_found_where_it_is_and_not_at_its_first_guess(at):
     assert x == pytest.approx([2.0, at], rel=0.2)
 
 
+def test_a_search_starts_with_a_load_where_it_was_found():
+    rng = np.random.default_rng(6)
+    columns = {"weight": rng.standard_normal(200), "moment": 4.0 * rng.standard_normal(200)}
+    case = Loaded(columns, {"weight": 2.0, "moment": 3.0})
+    case.forward.channels, case.fit_rows, case.whitened = [], [], lambda specs: []
+    load = (Coordinate("mass", 1.0, (1.0,), 0.0, 10.0, strength=True),
+            Coordinate("at", 1.0, (0.0, 1.0), -3.0, 3.0))  # fmt: skip
+    (kept,), *_ = likely.likely_hypotheses(
+        case, [Hypothesis("load", "", (), load)], lambda f, rows: [f(case, *row) for row in rows]
+    )
+    assert kept.key == Hypothesis("load", "", (), load).key
+    ((mass, at),) = kept.starts()
+    assert mass == 1.0 and at == pytest.approx(1.5, rel=0.2)
+
+
 def case_with(excess):
     """A case whose joints are so far off [floors]."""
     channels = [SimpleNamespace(signal="q", name=j) for j in JOINTS]

@@ -11,6 +11,7 @@ residual are tested one by one, if they are few.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from operator import itemgetter
 from typing import Any
 
@@ -60,11 +61,24 @@ def likely_hypotheses(
     for effect in {h.effect for h in candidates}:
         ranked = [i for i in order if candidates[i].effect == effect and shares[i] > 0.0]
         retained |= set(ranked[:MIN_PLACES])
-    left = [h for i, h in enumerate(candidates) if i in retained and shares[i] > 0.0]
+    left = [
+        _started(h, x)
+        for i, (h, (_, x)) in enumerate(zip(candidates, results, strict=True))
+        if i in retained and shares[i] > 0.0
+    ]
     unused = {h.effect for h in hypotheses} - {h.effect for h in left}
     notes = [(name, "it explains nothing of a few pieces on the ground") for name in sorted(unused)]
     first = order[0] if order and shares[order[0]] > 0.0 else None
     return left, notes, [] if first is None else [(candidates[first], results[first][1])]
+
+
+def _started(hypothesis: Hypothesis, x: Sequence[float]) -> Hypothesis:
+    """The hypothesis with its places where they explain most, from where a search starts."""
+    coordinates = [
+        c if c.strength or c.logarithmic else replace(c, start=(float(v),))
+        for c, v in zip(hypothesis.coordinates, x, strict=True)
+    ]
+    return replace(hypothesis, coordinates=tuple(coordinates))
 
 
 def conspicuous(case: Case) -> set[str]:
