@@ -447,7 +447,7 @@ class Forward:
         commands, stamps = self._commands[index], self._stamps[index]
         if not stamps:
             return running.run(robot, effects, commands, starts, dt, self.channels)
-        parts = running.steps_in(dt, self.robot(index).sim.physics_rate)
+        parts = running.steps_in(dt, step * robot.sim.physics_rate)
         fine, starts_of_steps = running.divided(commands, starts, parts)
         steps = running.run(robot, effects, fine, starts_of_steps, dt / parts, self.channels)
         predicted = steps[::parts].copy()

@@ -216,10 +216,8 @@ def instants(
         after it; 0 in other channels, with one step per period, and if the engine is needed.
     """
     effects = [effect for effect in effects if not effect.identity.noise]
-    parts, change = (
-        steps_in(dt, robot.sim.physics_rate),
-        np.zeros((len(commands.q), len(channels), 2)),
-    )
+    parts = steps_in(dt, robot.sim.physics_rate)
+    change = np.zeros((len(commands.q), len(channels), 2))
     torques = [i for i, channel in enumerate(channels) if channel.signal == "tau"]
     if parts < 2 or not torques or needs_engine(robot, effects):
         return change

@@ -256,10 +256,12 @@ class Judgement:
 
         The search adds nothing to an effect that explains the data, as a cable with five may.
         """
+        if len(model.parts) != 1:
+            return []
         singles = [m for m in self.fits.values() if len(m.parts) == 1 and m.paid + 1 < model.paid]
         parts = []
         for one in sorted(singles, key=lambda m: (self.search.energy(m), m.key))[:N_SIMPLER]:
-            for s in self.search.beside(one, self.found.screened) if len(model.parts) == 1 else ():
+            for s in self.search.beside(one, self.found.screened):
                 fewer = one.paid + len(s.hypothesis.coordinates) < model.paid
                 if fewer and s.hypothesis.effect not in (*one.names, *model.names):
                     parts.append((*one.parts, (s.hypothesis, s.x)))

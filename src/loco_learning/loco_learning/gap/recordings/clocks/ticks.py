@@ -133,8 +133,13 @@ def _at_readings(track: Track, axis: np.ndarray, step: float) -> np.ndarray:
     values[tick] = x[rows]
     if track.role in TICKS.smooth and moves.any():
         about, weights = neighbours(track.t, rows[moves], late[moves])
-        values[tick[moves]] += np.sum(weights * (x[about] - x[rows[moves], None]), axis=1)
+        values[tick[moves]] += change(x, rows[moves], about, weights)
     return values
+
+
+def change(x: np.ndarray, rows: np.ndarray, about: np.ndarray, weights: np.ndarray) -> np.ndarray:
+    """Change of a signal, (M,), about readings of these rows, by their `neighbours`, (K,)."""
+    return np.sum(weights * (x[about] - x[rows, None]), axis=1)
 
 
 def neighbours(t: np.ndarray, rows: np.ndarray, late: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
