@@ -181,7 +181,10 @@ def test_parts_that_are_not_0_give_the_sums_of_the_whole_matrix():
     rng = np.random.default_rng(5)
     dense = rng.normal(size=(30, 6, 5))
     dense[:, :3, 3:] = dense[:, 3:, :2] = dense[:, 5] = 0.0  # two legs, and a channel that rests
-    found, r, used = loose.Columns.of(dense), rng.normal(size=(30, 6)), rng.random((30, 6)) < 0.7
+    responses = [loose.Response.of(change) for change in np.moveaxis(dense, -1, 0)]
+    assert sum(response.values.size for response in responses) < 0.6 * dense.size
+    found = loose.Columns.of(dense.shape[:2], responses)
+    r, used = rng.normal(size=(30, 6)), rng.random((30, 6)) < 0.7
     x = rng.normal(size=5)
     np.testing.assert_allclose(found.by(x), dense @ x, atol=1e-12)
     np.testing.assert_allclose(found.moment(r), np.einsum("tck,tc->ck", dense, r), atol=1e-12)

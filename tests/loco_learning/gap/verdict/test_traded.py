@@ -9,7 +9,7 @@ import pytest
 
 from loco_learning.gap.fitting.fit import Fitted
 from loco_learning.gap.hypotheses.hypotheses import Hypothesis
-from loco_learning.gap.prediction.loose import RANGE, Columns, Loose
+from loco_learning.gap.prediction.loose import RANGE, Columns, Loose, Response
 from loco_learning.gap.statistics import evidence
 from loco_learning.gap.statistics.leftover import LIMITS
 from loco_learning.gap.verdict import traded
@@ -98,8 +98,10 @@ def near(columns, count, most=RANGE):
     names, one = tuple(f"bodies.a{k}.inertia" for k in range(count)), np.ones(count)
     legal = np.array([[1e-3, 1e3]] * count)
     rows = (np.ones(len(columns), dtype=bool),)
+    responses = [Response.of(change) for change in np.moveaxis(columns, -1, 0)]
+    sensitivities = (Columns.of(columns.shape[:2], responses),)
     return Loose(
-        names, one, 0.02 * one, legal, np.arange(count), (Columns.of(columns),),
+        names, one, 0.02 * one, legal, np.arange(count), sensitivities,
         np.ones(1), rows, (~rows[0],), most, 0.0 * one, one < 0.0,
     )  # fmt: skip
 

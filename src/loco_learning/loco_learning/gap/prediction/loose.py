@@ -12,7 +12,7 @@ standard deviations, and the sensitivities are simulated about the values that f
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple
 
@@ -44,6 +44,19 @@ class Block(NamedTuple):
     values: np.ndarray  # sensitivities, (c, T, k)
 
 
+class Response(NamedTuple):
+    """Sensitivity of the residual of a record to one deviation."""
+
+    moved: np.ndarray  # channels in which it is not 0, (C,) flags
+    values: np.ndarray  # sensitivity of these, (T, c)
+
+    @classmethod
+    def of(cls, change: np.ndarray) -> Response:
+        """Channels of a change, (T, C), that it moves."""
+        moved = change.any(axis=0)
+        return cls(moved, change[:, moved])
+
+
 @dataclass(frozen=True)
 class Columns:
     """Sensitivity of the residual of a record [floors] per deviation, as its parts that are not 0.
@@ -59,14 +72,22 @@ class Columns:
     blocks: tuple[Block, ...]
 
     @classmethod
-    def of(cls, dense: np.ndarray) -> Columns:
-        """Parts of a dense matrix, (T, C, K)."""
-        acts, blocks = dense.any(axis=0), []
+    def of(cls, shape: tuple[int, int], parts: Sequence[Response]) -> Columns:
+        """Sensitivities of a record of T times and C channels to each deviation.
+
+        Args:
+            shape: T and C.
+            parts: Response to each deviation.
+        """
+        acts = np.array([moved for moved, _ in parts], dtype=bool).reshape(-1, shape[1]).T
+        place, blocks = acts.cumsum(axis=0) - 1, []
         for pattern in np.unique(acts, axis=0):
             channels, moved = np.flatnonzero((acts == pattern).all(1)), np.flatnonzero(pattern)
-            values = dense[:, channels][:, :, moved].transpose(1, 0, 2)
-            blocks.append(Block(channels, moved, np.ascontiguousarray(values)))
-        return cls(dense.shape, tuple(blocks))
+            values = np.empty((len(channels), shape[0], len(moved)))
+            for j, k in enumerate(moved):
+                values[:, :, j] = parts[k].values[:, place[channels, k]].T
+            blocks.append(Block(channels, moved, values))
+        return cls((*shape, len(parts)), tuple(blocks))
 
     def by(self, deviations: np.ndarray) -> np.ndarray:
         """Change of the residual by deviations, (K,): (T, C)."""
@@ -388,42 +409,32 @@ def _about(
 ) -> Loose:
     """Copy with sensitivities about the deviations `at`, for a model with the given effects."""
     ref = case.bare(specs, loose.values(loose.at), coarse=True)
-    columns: list[list[np.ndarray]] = []
+    responses: list[list[Response]] = [[] for _ in ref]  # by record
     for k in range(len(loose.at)):
         moved = loose.at.copy()
         moved[k] += PART if moved[k] <= 0.0 else -PART
-        shifted = case.bare(specs, loose.values(moved), coarse=True)
-        columns.append(_per(shifted, ref, moved[k] - loose.at[k]))
+        shifted, step = case.bare(specs, loose.values(moved), coarse=True), moved[k] - loose.at[k]
+        for found, new, old in zip(responses, shifted, ref, strict=True):
+            found.append(Response.of(np.nan_to_num(new - old) / step))
     count = max((len(s) for s in starts), default=0)
     for k in range(count):
         part = 1.0 if k < 2 * len(case.forward.robot().joints) else INTEGRAL
         by = [part * s * (np.arange(count) == k)[: len(s)] for s in starts]
         other = replace(case, forward=case.forward.begun_at(by), loose=None)
-        columns.append(_per(other.bare(specs, loose.values(loose.at), coarse=True), ref, part))
-    jacobians = [np.stack(each, axis=-1) for each in zip(*columns, strict=True)]
-    values = len(loose.at)
-    for i, extra in enumerate(starts):  # a record without deviations has no columns of its own
-        jacobians[i] = jacobians[i][..., : values + len(extra)]
+        shifted = other.bare(specs, loose.values(loose.at), coarse=True)
+        for found, new, old, start in zip(responses, shifted, ref, starts, strict=True):
+            if k < len(start):
+                found.append(Response.of(np.nan_to_num(new - old) / part))
     rounds = case.forward.robot().encoder_step > 0.0  # then in `floors.hunting`
     if math.isfinite(loose.most) and not case.ground and not rounds:
-        jacobians = _timed(case, jacobians, specs, loose.values(loose.at))
-    return replace(loose, columns=tuple(map(Columns.of, jacobians)), grams={})
+        for found, changes in zip(responses, _timed(case, specs, loose), strict=True):
+            found += map(Response.of, np.moveaxis(changes, -1, 0))
+    columns = [Columns.of(r.shape, responses[i]) for i, r in enumerate(ref)]
+    return replace(loose, columns=tuple(columns), grams={})
 
 
-def _timed(
-    case: Any,
-    columns: Sequence[np.ndarray],
-    specs: Sequence[Mapping[str, Any]],
-    overrides: Mapping[str, Any],
-) -> list[np.ndarray]:
-    """Columns with four more per record: of the times of its readings and drives."""
-    changes = case.forward.reading_times(specs, overrides, CLOCK)
-    extended = []
-    for old, change, m, f in zip(columns, changes, case.forward.measured, case.floors, strict=True):
-        by_time = np.where(np.isfinite(m)[..., None], -change / f[..., None], 0.0)
-        extended.append(np.concatenate([old, by_time], axis=-1))
-    return extended
-
-
-def _per(shifted: Sequence[np.ndarray], ref: Sequence[np.ndarray], step: float) -> list[np.ndarray]:
-    return [np.nan_to_num(a - b) / step for a, b in zip(shifted, ref, strict=True)]
+def _timed(case: Any, specs: Sequence[Mapping[str, Any]], loose: Loose) -> Iterator[np.ndarray]:
+    """Sensitivities to four deviations of the times of readings and drives, (T, C, 4) each."""
+    changes = case.forward.reading_times(specs, loose.values(loose.at), CLOCK)
+    for change, m, f in zip(changes, case.forward.measured, case.floors, strict=True):
+        yield np.where(np.isfinite(m)[..., None], -change / f[..., None], 0.0)
