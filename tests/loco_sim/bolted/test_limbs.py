@@ -11,9 +11,9 @@ import pytest
 from loco_sim import effects
 from loco_sim.bolted import limbs
 from loco_sim.bolted.loop import Bolted, Run, Segments
-from loco_sim.bolted.tree import Tree
 from loco_sim.effects.pulls import Pulls
 from loco_sim.effects.rows import CONSTANTS, MEMORY, Laws
+from loco_sim.multibody.tree import Tree
 from loco_sim.robot import robot
 
 AIR = {"fixed_base": True, "height": 1.0}

@@ -6,7 +6,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from loco_sim.bolted import dynamics, tree
+from loco_sim.multibody import dynamics, tree
 from loco_sim.new_robot.body import BASE, Body
 from loco_sim.robot.description import Description
 from loco_sim.robot.equipment import GRAVITY

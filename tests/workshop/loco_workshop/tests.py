@@ -32,7 +32,7 @@ KERNELS = ["-q", "-n", "2", "--dist", "loadfile", "--no-loadscope-reorder",
            "tests/workshop/battery/drawn/test_fleet.py::test_a_number_is_one_robot",
            "tests/loco_learning/runs/test_rollout.py::test_reset_of_the_loop_is_a_new_loop",
            "tests/loco_learning/runs/test_rollout.py::test_a_robot_with_legs_follows_oscillators_too",
-           "tests/loco_sim/bolted/test_dynamics.py::test_torques_of_a_motion_are_those_of_its_rows",
+           "tests/loco_sim/multibody/test_dynamics.py::test_torques_of_a_motion_are_those_of_its_rows",
            "tests/loco_sim/drives/test_damping.py::test_drives_keep_to_their_limits"]  # fmt: skip
 
 # Selections of tests whose figures are kept: arguments, and what is required.

@@ -15,10 +15,10 @@ from ..drives.servo_kernels import INTEGRAL, ROTOR, SPIN
 from ..effects.laws import OF_DRIVE, OF_JOINT, bend, budgets, copy_rows, motors, torques
 from ..effects.rows import GAIN, LIMIT, ON_MOTOR, SAG, SPEED_LINE
 from ..jit import kernel
+from ..multibody.dynamics import advance, workshop
 from ..world.braking import split
-from .dynamics import advance, workshop
 
-MADE_OF = "5bdeb1760cc4"  # of the called kernels, see tests/loco_sim/test_kernel_caches.py
+MADE_OF = "83ad67e4d86f"  # of the called kernels, see tests/loco_sim/test_kernel_caches.py
 
 
 @njit(cache=True, error_model="numpy")

@@ -16,8 +16,8 @@ import numpy as np
 
 from ..effects.pulls import Pulls
 from ..effects.rows import Laws
+from ..multibody.tree import Tree
 from .kernels import run
-from .tree import Tree
 
 MAX_SIZE = 2**25  # size of the cache [bytes]
 RECORDS = 8  # commands whose hashes are kept (taste: a search has so many records)

@@ -30,17 +30,18 @@ from ..effects.pulls import laid_out
 from ..effects.pulls import of as pulls
 from ..effects.readings import Layout, Measuring
 from ..effects.rows import NO_LAWS, Laws
-from ..effects.timetable import behind_springs, commanding, received
+from ..multibody import dynamics as kernels
+from ..multibody import tree
 from ..plant.orders import ramped
 from ..plant.simulation import periods
+from ..plant.timetable import behind_springs, commanding, received
 from ..robot.clearance import clearance
 from ..robot.description import Description
 from ..robot.robot import Robot
 from ..world import braking
 from ..world.world import Setting
-from . import dynamics as kernels
 from . import kernels as loop
-from . import limbs, tree
+from . import limbs
 
 
 class Run(NamedTuple):

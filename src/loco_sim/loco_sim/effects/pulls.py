@@ -26,7 +26,7 @@ class Pull(NamedTuple):
 
 
 class Pulls(NamedTuple):
-    """Arrays of k pulls for the kernel `bolted.dynamics.pulled`."""
+    """Arrays of k pulls for the kernel `multibody.dynamics.pulled`."""
 
     body: np.ndarray  # joint of the tree whose body is pulled, -1 for the base, (k,)
     window: np.ndarray  # first step, and step after the last, (k, 2)

@@ -5,8 +5,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..bolted import tree as trees
 from ..foreign.rotors import Rotors
+from ..multibody import tree as trees
 from ..robot.description import Description
 from ..robot.equipment import GRAVITY
 from ..robot.frames import origin_of

@@ -21,10 +21,10 @@ from ..effects.chain import Chain, JointEffect
 from ..effects.pulls import Pulls, laid_out
 from ..effects.pulls import of as pulls
 from ..effects.rows import NO_LAWS, ON_MOTOR, Laws
-from ..effects.timetable import Script, behind_springs, commanding, received
 from ..world.world import World
 from . import kernels
 from .sensing import BASE
+from .timetable import Script, behind_springs, commanding, received
 
 IN_JOINTS = *ON_TORQUES, "on_motor", "on_brake"  # hooks that must be laws of `effects.laws`
 

@@ -16,8 +16,10 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from ..bolted import tree
-from ..bolted.dynamics import (
+from ..drives.servo_kernels import DEMAND, GAIN, LIMIT, PASSIVE
+from ..geometry import Triple, rotation_matrix
+from ..multibody import tree
+from ..multibody.dynamics import (
     ALONG,
     AT,
     cross,
@@ -28,11 +30,9 @@ from ..bolted.dynamics import (
     vector,
     workshop,
 )
-from ..drives.servo_kernels import DEMAND, GAIN, LIMIT, PASSIVE
-from ..geometry import Triple, rotation_matrix
 from ..robot.description import Description
 
-MADE_OF = "8fed1d103329"  # of the called kernels, see tests/loco_sim/test_kernel_caches.py
+MADE_OF = "6b6f37f35586"  # of the called kernels, see tests/loco_sim/test_kernel_caches.py
 
 POINT, NORMAL, SPEED, GIVE, FRICTION, TOUCH = 0, 3, 6, 7, 8, 9  # columns of a contact; their number
 SWEEPS = 50  # largest number of iterations over the contacts

@@ -29,9 +29,9 @@ from ..meshes.read import rewritten
 from ..params import SimParams
 from ..robot.description import Description
 from ..robot.robot import Robot
+from ..terrain import CELL
 from . import braking, hinges, world
 from .ahead import Ahead, Contact
-from .terrain import CELL
 from .world import Base
 
 

@@ -14,7 +14,7 @@ import numpy as np
 
 from ..geometry import Triple
 from ..meshes.read import load
-from .terrain import CELL, Terrain
+from ..terrain import CELL, Terrain
 
 OF_WORLD = "link_named_world"  # name of the body of a link named "world"
 NET_FORCE = 1 << int(mujoco.mjtConDataField.mjCONDATA_FORCE), 3, 1  # net force of all contacts

@@ -21,8 +21,8 @@ from ..geometry import Triple
 from ..params import SimParams
 from ..robot.description import Description
 from ..robot.robot import Robot, joint_index
+from ..terrain import Terrain
 from . import hinges
-from .terrain import Terrain
 
 MODULES = {"pybullet": ".bullet", "mujoco": ".mujoco"}  # each defines a `World`
 
@@ -40,7 +40,7 @@ def make_world(robot: Robot, params: SimParams, dt: float) -> World:
     """
     require(params.engine)
     if "<mesh" in robot.urdf:
-        importlib.import_module("..meshes.trial", __package__).check(robot, params.engine)
+        importlib.import_module(".mesh_trial", __package__).check(robot, params.engine)
     return importlib.import_module(MODULES[params.engine], __package__).World(robot, params, dt)
 
 

@@ -14,11 +14,11 @@ import numpy as np
 from loco_control.exceptions import LocoError
 from loco_control.types import MotionCommand
 from loco_sim import engines
-from loco_sim.meshes import trial
 from loco_sim.foreign.tidy import Tidied
 from loco_sim.plant.simulation import Simulation
 from loco_sim.robot import robot as robots
 from loco_sim.robot.description import Description
+from loco_sim.world import mesh_trial as trial
 
 STEPS, STEP = 3, 0.01  # number of steps, step [s]
 SMALL = """<robot name="small">

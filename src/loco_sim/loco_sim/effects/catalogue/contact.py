@@ -16,7 +16,7 @@ from loco_control.params import parameter
 
 from ... import lazy
 from ...geometry import Quaternion, multiply, rotate_back, rotation_matrix, seen_from
-from ...world.terrain import RELIEFS, Patches, Terrain
+from ...terrain import RELIEFS, Patches, Terrain
 from ..base import Effect
 from ..identity import Identity, LookAlike, Prior
 from ..offers import Motion, Offer, scalar_offer

@@ -9,9 +9,9 @@ import trimesh
 
 from loco_control.exceptions import ParameterError
 from loco_sim.engines import installed
-from loco_sim.meshes import trial
 from loco_sim.params import SimParams
 from loco_sim.robot import robot as robots
+from loco_sim.world import mesh_trial as trial
 from loco_sim.world.world import make_world
 
 
@@ -55,7 +55,7 @@ def test_an_engine_that_ends_is_one_line_that_names_the_mesh(arm, end, tmp_path,
     script = tmp_path / "child.py"
     script.write_text(
         "import os, signal\nfrom loco_control.exceptions import ParameterError\n"
-        f"from loco_sim.meshes import trial\ndef load(*_):\n    {end}\n"
+        f"from loco_sim.world import mesh_trial as trial\ndef load(*_):\n    {end}\n"
         "trial.load = load\ntrial.main()\n"
     )
     monkeypatch.setattr(trial, "_COMMAND", (str(script),))

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from loco_control.exceptions import ParameterError
-from loco_sim.bolted import tree
+from loco_sim.multibody import tree
 from loco_sim.robot import robot
 from loco_sim.robot.description import Description
 from loco_sim.robot.frames import origin_of

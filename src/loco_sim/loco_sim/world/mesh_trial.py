@@ -24,13 +24,13 @@ from loco_control.exceptions import LocoError, ParameterError
 
 from ..mesh_files import mesh_path
 from ..robot import robot as robots
-from ..world import world
+from . import world
 
 SECONDS = 60  # processor time of all meshes of a robot [s]
 MEMORY = 8 * 2**30  # memory limit of the child [bytes]
 STEPS = 3  # physics steps, on the ground
 VARIABLE = "LOCO_MESHES_TRIED"  # environment variable, so that workers do not repeat the trial
-_COMMAND = ("-m", "loco_sim.meshes.trial")
+_COMMAND = ("-m", "loco_sim.world.mesh_trial")
 _LINE = "mesh trial "
 _URDF = """<robot name="trial"><link name="base"/><link name="part"><inertial><mass value="1"/>
 <inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/></inertial><collision><geometry>

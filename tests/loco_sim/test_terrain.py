@@ -9,7 +9,7 @@ from loco_sim import effects
 from loco_sim.engines import installed
 from loco_sim.plant.simulation import Simulation
 from loco_sim.robot import robot
-from loco_sim.world.terrain import CELL, REAR, SIDE, Patches, Terrain
+from loco_sim.terrain import CELL, REAR, SIDE, Patches, Terrain
 from loco_sim.world.world import Base
 
 HILLS = Terrain("uneven", 0.03, 0.4, 0, 0.8)

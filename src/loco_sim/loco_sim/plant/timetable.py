@@ -12,9 +12,9 @@ from typing import Any
 
 import numpy as np
 
-from .base import Effect, overrides, windows
-from .catalogue.actuator import JointOffset, SeriesElasticity
-from .pulls import CONSTANTS, Pulls
+from ..effects.base import Effect, overrides, windows
+from ..effects.catalogue.actuator import JointOffset, SeriesElasticity
+from ..effects.pulls import CONSTANTS, Pulls
 
 Window = tuple[int, float, Any]  # first step, step after the last, function
 

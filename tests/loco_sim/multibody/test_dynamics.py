@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from loco_sim import lazy
-from loco_sim.bolted import dynamics, tree
+from loco_sim.multibody import dynamics, tree
 from loco_sim.robot.description import Description
 
 from ...quadrupeds import DATA
