@@ -17,7 +17,8 @@ from loco_bringup.graph import node_set
 from loco_control import params, reading
 from loco_control.exceptions import MOST, LocoError
 from loco_learning import archive
-from loco_learning.gap.recordings import mapping, tables
+from loco_learning.gap.importing import tables
+from loco_learning.gap.recordings import mapping
 from loco_learning.params import LearnerParams
 from loco_learning.runs import gait_file
 from loco_learning.runs.experiment import load as load_experiment

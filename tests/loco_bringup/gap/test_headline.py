@@ -19,10 +19,10 @@ from loco_bringup.logs.rollout_bag import run_rollout
 from loco_learning.gap import workflow
 from loco_learning.gap.contents import gap as gap_of
 from loco_learning.gap.fitting.fit import weigh
+from loco_learning.gap.fitting.params import GapParams
 from loco_learning.gap.hypotheses import hints
 from loco_learning.gap.hypotheses.hypotheses import offer
 from loco_learning.gap.localisation.curves import Curves, curves, load, merge
-from loco_learning.gap.params import GapParams
 from loco_learning.gap.prediction import case as cases
 from loco_learning.gap.prediction import led
 from loco_learning.gap.prediction.forward import Forward, ForwardParams

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from loco_learning.gap import workflow
-from loco_learning.gap.params import GapParams
+from loco_learning.gap.fitting.params import GapParams
 from loco_learning.gap.prediction.forward import Forward
 from loco_learning.gap.recordings.record import Record
 from loco_sim.plant.model import Model

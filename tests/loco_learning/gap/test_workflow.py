@@ -15,8 +15,8 @@ import pytest
 
 from loco_control.exceptions import ParameterError
 from loco_learning.gap import contents, workflow
+from loco_learning.gap.fitting.params import GapParams
 from loco_learning.gap.hypotheses.hypotheses import Hypothesis
-from loco_learning.gap.params import GapParams
 from loco_learning.gap.prediction.forward import Forward
 from loco_sim.effects.catalogue.friction import StribeckFriction as Stribeck
 from loco_sim.plant.model import Model

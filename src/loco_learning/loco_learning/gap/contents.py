@@ -20,10 +20,10 @@ from loco_sim.robot.robot import Robot
 from ..plain import plain
 from .fitting import residual
 from .fitting.fit import Fitted
+from .fitting.params import GapParams
 from .localisation import correction
 from .localisation.localise import localise
 from .localisation.regions import regions
-from .params import GapParams
 from .prediction import horizon
 from .prediction.case import Case
 from .prediction.channels import ON_SLIDES, Channel, slides
@@ -41,7 +41,7 @@ from .verdict.traded import put_right
 FORMAT = 1
 WHERE, LEARNED = 3, 6  # keys of random streams
 FEW_JOINTS = 3  # joints listed by name
-MOST_CELLS = 40  # cells listed at most
+MAX_RIVALS, MOST_CELLS = 8, 40  # rival models and cells listed at most
 COMPENSATION = "friction_compensation"
 LISTED = 0.01  # probability of a place from which on it is listed
 EMPTY = {"where": [], "regions": [], "identifiability": {}, "correction": None,
@@ -291,7 +291,7 @@ def told_apart(case: Case, outcome: Outcome) -> dict[str, Any]:
     return result
 
 
-def rival_models(outcome: Outcome, limit: int = 8) -> list[dict[str, Any]]:
+def rival_models(outcome: Outcome) -> list[dict[str, Any]]:
     """Models with another effect, the most probable first."""
     base = outcome.base.held.residuals
     return [
@@ -301,7 +301,7 @@ def rival_models(outcome: Outcome, limit: int = 8) -> list[dict[str, Any]]:
             "probability": probability,
             "closed": evidence.closed_by(base, model.held.residuals),
         }
-        for model, probability in outcome.rivals[:limit]
+        for model, probability in outcome.rivals[:MAX_RIVALS]
     ]
 
 

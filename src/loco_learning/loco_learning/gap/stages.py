@@ -23,7 +23,7 @@ LISTS = ("alarms", "align", "reading", "notes", "not_tried", "rivals", "ambiguou
 
 def free(model: Model, record: Record) -> bool:
     """True if the base of the robot was free in a recording."""
-    return not Model(model.robot, {**model.overrides, **record.overrides}).make_robot().fixed_base
+    return not model.make_robot(record.overrides).fixed_base
 
 
 def split(model: Model, records: Sequence[Record]) -> tuple[list[Record], list[Record]]:

@@ -21,6 +21,7 @@ from ..jobs.kept import Memory
 from . import stages
 from .contents import add, contents, details
 from .fitting.fit import Fitted, Parts, Setting, rough_fit, specs_of
+from .fitting.params import GapParams
 from .fitting.screen import Screened
 from .fitting.search import Pool, Search, call
 from .hypotheses import hints
@@ -28,7 +29,6 @@ from .hypotheses.bundles import batches
 from .hypotheses.hypotheses import Hypothesis, offer, omitted, separable
 from .hypotheses.likely import likely_hypotheses
 from .localisation.curves import Curves, curves, merge
-from .params import GapParams
 from .prediction import case as cases
 from .prediction import horizon, led
 from .prediction import nominal as nominals

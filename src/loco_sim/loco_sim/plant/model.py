@@ -11,6 +11,7 @@ Where the name of a robot is accepted, the path of such a file is, too (`load_an
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -46,9 +47,9 @@ class Model:
     overrides: dict[str, Any] = field(default_factory=dict)
     effects: list[dict[str, Any]] = field(default_factory=list)
 
-    def make_robot(self) -> robot.Robot:
-        """The robot with its overrides."""
-        return robot.load(self.robot, self.overrides)
+    def make_robot(self, overrides: Mapping[str, Any] | None = None) -> robot.Robot:
+        """The robot with the overrides of the model, and further ones that precede them."""
+        return robot.load(self.robot, {**self.overrides, **(overrides or {})})
 
     def make_effects(self) -> list[Effect]:
         """New instances of the effects."""

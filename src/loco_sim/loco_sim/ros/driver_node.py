@@ -43,7 +43,7 @@ class DriverNode(JointPlantNode):
         self.tick = self.tick.replace(catch_up=1)  # missed ticks cannot be executed later
         overrides = json.loads(self.declare_parameter("overrides", "{}").value)
         base = models.load_any(self.declare_parameter("robot", "servo_pendulum").value)
-        robot = models.Model(base.robot, {**base.overrides, **overrides}, []).make_robot()
+        robot = base.make_robot(overrides)
         wired = wiring.load(self.declare_parameter("hardware", "").value, robot)
         self.sim = ServoRobot(wired, robot)
         self._speed = wired.bus.approach

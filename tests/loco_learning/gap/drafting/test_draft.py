@@ -8,7 +8,8 @@ import pytest
 
 from loco_control.exceptions import ParameterError
 from loco_learning.gap.drafting import draft, words
-from loco_learning.gap.recordings import mapping, tables
+from loco_learning.gap.importing import tables
+from loco_learning.gap.recordings import mapping
 
 T = np.arange(300) / 100.0
 WAVE = 0.8 * np.sin(3.0 * T)

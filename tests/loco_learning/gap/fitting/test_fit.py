@@ -19,8 +19,8 @@ from loco_learning.gap.fitting.fit import (
     refine,
     weigh,
 )
+from loco_learning.gap.fitting.params import GapParams
 from loco_learning.gap.hypotheses.hypotheses import offer
-from loco_learning.gap.params import GapParams
 from loco_learning.gap.prediction.case import Case
 from loco_learning.gap.prediction.forward import Forward
 from loco_learning.gap.statistics.solve import MIN_GAIN, guided

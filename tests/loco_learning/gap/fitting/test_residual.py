@@ -14,8 +14,8 @@ import pytest
 from loco_learning.gap import workflow
 from loco_learning.gap.fitting import residual
 from loco_learning.gap.fitting.fit import weigh
+from loco_learning.gap.fitting.params import GapParams
 from loco_learning.gap.localisation.correction import KIND
-from loco_learning.gap.params import GapParams
 from loco_learning.gap.prediction import case as cases
 from loco_learning.gap.prediction.forward import Forward
 from loco_sim.effects.rows import FEATURES

@@ -6,12 +6,12 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from loco_learning.gap.fitting.params import GapParams
 from loco_learning.gap.fitting.screen import Screened
 from loco_learning.gap.fitting.search import Search, call, sibling_pairs
 from loco_learning.gap.hypotheses.bundles import Batch
 from loco_learning.gap.hypotheses.families import by_law
 from loco_learning.gap.hypotheses.hypotheses import Hypothesis
-from loco_learning.gap.params import GapParams
 from loco_learning.gap.prediction.case import Case
 from loco_learning.gap.statistics.leftover import LIMITS, has_gap
 from loco_sim.effects.coordinates import Coordinate

@@ -9,13 +9,14 @@ import numpy as np
 import pytest
 
 from loco_control.exceptions import ParameterError
+from loco_learning.gap.fitting.params import GapParams
 from loco_learning.gap.fleet import contents, fleet, tasks
 from loco_learning.gap.fleet.fleet import Fleet
 from loco_learning.gap.fleet.params import FleetParams
 from loco_learning.gap.fleet.table import Recording
-from loco_learning.gap.params import GapParams
+from loco_learning.gap.importing import importing
 from loco_learning.gap.prediction.forward import Forward
-from loco_learning.gap.recordings import importing, mapping
+from loco_learning.gap.recordings import mapping
 from loco_learning.gap.recordings.record import Record
 from loco_learning.jobs.kept import Memory
 from loco_sim.plant.model import Model

@@ -7,9 +7,10 @@ import numpy as np
 import pytest
 import yaml
 
+from loco_learning.gap.importing import importing
 from loco_learning.gap.prediction import case as cases
 from loco_learning.gap.prediction.forward import Forward
-from loco_learning.gap.recordings import importing, mapping
+from loco_learning.gap.recordings import mapping
 from loco_learning.gap.statistics import evidence
 from loco_learning.gap.statistics.leftover import has_gap
 from loco_sim.plant.model import Model

@@ -9,12 +9,12 @@ from types import SimpleNamespace as Some
 import numpy as np
 import pytest
 
+from loco_learning.gap.importing import align
 from loco_learning.gap.prediction import case as cases
 from loco_learning.gap.prediction import horizon, windows
 from loco_learning.gap.prediction.channels import Channel
 from loco_learning.gap.prediction.forward import Forward, ForwardParams, start
 from loco_learning.gap.prediction.running import Start
-from loco_learning.gap.recordings import align
 from loco_learning.gap.recordings.record import Record
 from loco_learning.gap.recordings.tracks import Track
 from loco_learning.gap.statistics import noise

@@ -10,12 +10,12 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from loco_learning.gap.fitting.params import GapParams
 from loco_learning.gap.fitting.search import call
 from loco_learning.gap.hypotheses.bundles import Batch
-from loco_learning.gap.params import GapParams
+from loco_learning.gap.importing import observe
 from loco_learning.gap.prediction.forward import Forward
 from loco_learning.gap.preview import check, visible
-from loco_learning.gap.recordings import observe
 from loco_learning.gap.recordings.tracks import Track
 from loco_learning.gap.setup.bench import busiest
 from loco_learning.jobs import pool

@@ -6,7 +6,8 @@ import copy
 import pytest
 import yaml
 
-from loco_learning.gap.recordings import importing, mapping
+from loco_learning.gap.importing import importing
+from loco_learning.gap.recordings import mapping
 from loco_learning.gap.setup import family, mend
 from loco_sim.plant import model as models
 from loco_sim.plant.model import Model

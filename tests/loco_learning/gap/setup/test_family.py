@@ -6,8 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from loco_learning.gap.recordings import suspect
-from loco_learning.gap.setup import family, signals
+from loco_learning.gap.setup import family, signals, suspect
 from loco_learning.gap.setup.bench import Bench
 from loco_learning.gap.setup.limits import LIMITS
 

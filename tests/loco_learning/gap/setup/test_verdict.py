@@ -4,7 +4,7 @@
 import pytest
 
 from loco_learning.gap import workflow
-from loco_learning.gap.params import GapParams
+from loco_learning.gap.fitting.params import GapParams
 
 from .conftest import read
 from .drawn import draw

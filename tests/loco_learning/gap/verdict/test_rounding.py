@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from loco_learning.gap.recordings import align
+from loco_learning.gap.importing import align
 from loco_learning.gap.recordings.tracks import Track
 from loco_learning.gap.verdict import rounding
 from loco_sim.robot import robot

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from loco_learning.gap.fitting.fit import Fitted, Setting
+from loco_learning.gap.fitting.params import GapParams
 from loco_learning.gap.hypotheses.hypotheses import Hypothesis
-from loco_learning.gap.params import GapParams
 from loco_learning.gap.statistics import evidence
 from loco_learning.gap.verdict import stable
 from loco_sim.effects.coordinates import Coordinate

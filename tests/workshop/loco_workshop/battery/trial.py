@@ -22,7 +22,7 @@ from loco_bringup.gap.importing import load
 from loco_control.exceptions import LocoError
 from loco_control.files import write_whole
 from loco_learning.gap import workflow
-from loco_learning.gap.params import GapParams
+from loco_learning.gap.fitting.params import GapParams
 from loco_learning.gap.proposals import pool
 from loco_sim.plant.model import Model
 

@@ -31,7 +31,7 @@ from loco_bringup.gap import run as runner
 from loco_bringup.gap.next import write_next
 from loco_control.exceptions import ParameterError
 from loco_learning import archive
-from loco_learning.gap.recordings import tables
+from loco_learning.gap.importing import tables
 from loco_learning.jobs import journal
 from loco_learning.jobs.kept import Memory
 from loco_learning.params import LearnerParams

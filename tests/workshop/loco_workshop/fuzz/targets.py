@@ -115,13 +115,13 @@ def _mapping(data: bytes, folder: Path) -> None:
 
 
 def _csv(data: bytes, folder: Path) -> None:
-    from loco_learning.gap.recordings import tables
+    from loco_learning.gap.importing import tables
 
     tables.read(_file(data, folder, "t.csv"))
 
 
 def _json(data: bytes, folder: Path) -> None:
-    from loco_learning.gap.recordings import tables
+    from loco_learning.gap.importing import tables
 
     tables.read(_file(data, folder, "t.json"))
 
@@ -145,7 +145,7 @@ def _npz_seeds() -> list[bytes]:
 
 
 def _gz(data: bytes, folder: Path) -> None:
-    from loco_learning.gap.recordings import tables
+    from loco_learning.gap.importing import tables
 
     tables.read(_file(data, folder, "t.csv.gz"))
 

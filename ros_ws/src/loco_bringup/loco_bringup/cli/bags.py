@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from loco_control.reading import shown
-from loco_learning.gap.recordings import tables
+from loco_learning.gap.importing import tables
 
 from ..bag.coding import is_packed
 from ..bag.copy import extract as extract_topics

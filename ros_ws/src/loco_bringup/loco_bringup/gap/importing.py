@@ -15,7 +15,8 @@ import yaml
 from loco_control.exceptions import BagError, LocoError, MissingFileError, ParameterError
 from loco_control.files import write_whole
 from loco_control.reading import understood
-from loco_learning.gap.recordings import align, importing, mapping, tables, tracks
+from loco_learning.gap.importing import align, importing, tables
+from loco_learning.gap.recordings import mapping, tracks
 from loco_learning.gap.recordings.mapping import Mapping
 from loco_learning.gap.recordings.record import Doubt, Record
 from loco_learning.gap.recordings.tracks import Track

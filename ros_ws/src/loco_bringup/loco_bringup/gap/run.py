@@ -17,8 +17,8 @@ from loco_control.exceptions import MissingFileError, NameUnknownError, Paramete
 from loco_control.files import claim, write_whole
 from loco_control.params import from_dict
 from loco_learning.gap import workflow
+from loco_learning.gap.fitting.params import GapParams
 from loco_learning.gap.localisation.curves import HELD_OUT, Curves
-from loco_learning.gap.params import GapParams
 from loco_learning.gap.recordings.record import Record
 from loco_learning.gap.setup.contents import SETUP
 from loco_learning.plain import plain

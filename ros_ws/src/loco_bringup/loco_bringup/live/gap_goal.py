@@ -11,7 +11,7 @@ from typing import Any
 
 from loco_control.exceptions import MissingFileError, ParameterError
 from loco_learning.gap import workflow
-from loco_learning.gap.recordings.importing import NO_RECORDING
+from loco_learning.gap.importing.importing import NO_RECORDING
 from loco_learning.gap.recordings.record import HELD_OUT, Record
 from loco_learning.gap.worker import Done, Failed, Progress, Worker
 from loco_msgs.action import FindGap

@@ -19,7 +19,7 @@ import numpy as np
 from loco_control.exceptions import BagError, ParameterError
 from loco_control.files import whole_folder
 from loco_control.reading import within
-from loco_learning.gap.recordings import tables
+from loco_learning.gap.importing import tables
 
 from ..bag.foreign.opening import name_of, open_bag, result_path
 from ..bag.reader import Bag

@@ -13,7 +13,8 @@ import numpy as np
 from loco_control.exceptions import BagError, MissingFileError, ParameterError
 from loco_control.reading import understood
 from loco_learning.gap.drafting.draft import ALSO, MOVED
-from loco_learning.gap.recordings import importing, mapping, tables
+from loco_learning.gap.importing import importing, tables
+from loco_learning.gap.recordings import mapping
 from loco_learning.gap.recordings.clocks import cuts, series
 from loco_learning.gap.recordings.mapping import Column
 from loco_learning.gap.recordings.tracks import COUPLED, JOINT, Source, Track, values

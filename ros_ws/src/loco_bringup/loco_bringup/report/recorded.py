@@ -10,7 +10,7 @@ from markupsafe import Markup
 
 from loco_control.exceptions import BagError, ParameterError
 from loco_learning.drawing.chart import PALETTE, short
-from loco_learning.gap.recordings.observe import stamps
+from loco_learning.gap.importing.observe import stamps
 
 from ..bag.foreign.opening import suffix_of
 from ..logs.recording import COMMAND, Recording, at, read

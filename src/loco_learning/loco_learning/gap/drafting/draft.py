@@ -10,7 +10,8 @@ import numpy as np
 
 from loco_control.exceptions import ParameterError
 
-from ..recordings import tables, units
+from ..importing import tables
+from ..recordings import units
 from . import words
 
 RATES = (5.0, 5e3)  # plausible rates of logs [Hz]; other units of time are rejected (taste)

@@ -16,10 +16,10 @@ from loco_sim.effects import EFFECTS
 from loco_sim.effects.coordinates import Coordinate
 
 from ..hypotheses.hypotheses import Hypothesis, Term
-from ..params import GapParams
 from ..prediction.case import Case
 from ..statistics import evidence
 from ..statistics.solve import FIRST, MIN_GAIN, differences, guided, lowest, minimise, soft
+from .params import GapParams
 
 JACOBIAN_STEP = 0.12  # finite difference for a Jacobian, in units of a coordinate
 SHAPE_UNIT = 0.7  # unit of a logarithmic shape: a factor of two

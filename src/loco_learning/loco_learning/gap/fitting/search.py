@@ -18,11 +18,11 @@ from ...jobs.pool import Jobs
 from ..hypotheses.bundles import Batch
 from ..hypotheses.families import by_law
 from ..hypotheses.hypotheses import Hypothesis
-from ..params import GapParams
 from ..prediction.case import Case
 from ..statistics import evidence, noise
 from ..statistics.leftover import has_gap
 from .fit import Fitted, Setting, converge, fit, refine, rough_fit, weigh
+from .params import GapParams
 from .screen import Screened, screen, smooth
 
 log = logging.getLogger(__name__)

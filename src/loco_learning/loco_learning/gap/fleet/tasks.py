@@ -13,7 +13,7 @@ import numpy as np
 from loco_sim.plant.model import Model
 
 from .. import workflow
-from ..params import GapParams
+from ..fitting.params import GapParams
 from ..prediction import case as cases
 from ..prediction.case import Case
 from ..recordings.record import FIT, Record, bridged

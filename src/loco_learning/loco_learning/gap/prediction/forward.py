@@ -488,7 +488,7 @@ class Forward:
 
 
 def _robot(model: Model, record: Record, overrides: Mapping[str, Any], step: float) -> Robot:
-    robot = Model(model.robot, {**model.overrides, **record.overrides, **overrides}).make_robot()
+    robot = model.make_robot({**record.overrides, **overrides})
     if robot.sensors:
         robot = replace(robot, sensors=robot.sensors.replace(exact=True))
     sim = robot.sim

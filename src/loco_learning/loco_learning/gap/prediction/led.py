@@ -101,7 +101,7 @@ def swings(forward: Forward) -> np.ndarray:
     """Torque that the inertia of each joint takes, over that of its drive, in all records, (n,)."""
     inertial, measured = [], []
     for record in forward.records:
-        robot = _initial_robot(forward.model, record)
+        robot = forward.model.make_robot(record.overrides)
         q = bridged(record.read_of(robot, "q"))
         rows = np.isfinite(q).all(axis=1)
         inertia = _inertia(record, robot, np.zeros(len(robot.joints)))
@@ -137,7 +137,7 @@ class InverseDynamics(Forward):
     ):
         records = _with_torques(model, records)
         model = replace(model, effects=[e for e in model.effects if not _outside(e)])
-        robots = [_initial_robot(model, record) for record in records]
+        robots = [model.make_robot(record.overrides) for record in records]
         pairs = list(zip(records, robots, strict=True))
         prescribed = [_prescribe(record, robot) for record, robot in pairs]
         # Friction larger than the damping of the drives would hold the joints back: these get an
@@ -243,7 +243,7 @@ def _with_torques(model: Model, records: Sequence[Record]) -> list[Record]:
         return list(records)
     result = []
     for record in records:
-        robot = _initial_robot(model, record)
+        robot = model.make_robot(record.overrides)
         torque = record.command_of(robot, "torque")
         with_torque = replace(record, signals={**record.signals, "tau": torque})
         params = ForwardParams(window=WINDOWS[-1], signals=("tau",))
@@ -253,10 +253,6 @@ def _with_torques(model: Model, records: Sequence[Record]) -> list[Record]:
         commanded = (bridged(runs()[0]) - bias) / gain
         result.append(replace(record, command={**record.command, "torque": commanded}))
     return result
-
-
-def _initial_robot(model: Model, record: Record) -> Robot:
-    return Model(model.robot, {**model.overrides, **record.overrides}).make_robot()
 
 
 def _damping(record: Record) -> np.ndarray:

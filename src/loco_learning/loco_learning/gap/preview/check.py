@@ -23,11 +23,11 @@ from loco_sim.robot.robot import Robot
 
 from ...jobs import pool
 from ...plain import plain
+from ..fitting.params import GapParams
 from ..fitting.search import call
 from ..hypotheses import hints
 from ..hypotheses.bundles import batches
 from ..hypotheses.hypotheses import offer, omitted, separable
-from ..params import GapParams
 from ..prediction import case as cases
 from ..prediction import floors, running
 from ..prediction.channels import ON_SLIDES
@@ -35,7 +35,7 @@ from ..prediction.forward import Forward, ForwardParams
 from ..recordings import lags
 from ..recordings.record import Record
 from ..setup import family, mend
-from ..setup.bench import busiest, robot_of
+from ..setup.bench import busiest
 from ..setup.finding import Finding
 from ..statistics.leftover import LIMITS
 from . import visible
@@ -119,12 +119,13 @@ def inspect(
     report = progress or (lambda share, stage: None)
     report(0.0, "looking at the set-up")
     findings = family.find_mistakes(model, records)
-    robots = [robot_of(model, r) for r in records]
+    robots = [model.make_robot(r.overrides) for r in records]
     if any(finding.stops for finding in findings):
         return _contents(model, records, robots, findings)
     model = mend.model_mended(model, mend.changes_of(findings)) or model
     report(0.1, "running the model as it is")
-    robots, how = [robot_of(model, r) for r in records], ForwardParams(window=params.window)
+    robots = [model.make_robot(r.overrides) for r in records]
+    how = ForwardParams(window=params.window)
     limit = {"sim.damping_limit": max(LIMBER, robots[0].sim.damping_limit)}
     limited = replace(model, overrides={**model.overrides, **limit})
     parts = excerpts(records, _seconds(Forward(limited, records[:1], how)))

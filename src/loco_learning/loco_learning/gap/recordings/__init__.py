@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Import of recorded files as checked records on one even time axis."""
+"""Recordings on an even time axis: signals by joint, mapping, units, clocks and findings."""

@@ -15,7 +15,6 @@ import numpy as np
 from loco_control.exceptions import LocoError
 from loco_sim.bolted.loop import needs_engine
 from loco_sim.plant.model import Model
-from loco_sim.robot.robot import Robot
 
 from ..prediction.forward import Forward, ForwardParams
 from ..prediction.led import InverseDynamics, possible
@@ -95,10 +94,12 @@ class Bench:
             changes: Changes of the set-up that are always applied.
         """
         self.model, self._all, self._changes = model, tuple(records), tuple(changes)
-        engine = [bool(needs_engine(robot_of(model, record))) for record in records]
+        engine = [bool(needs_engine(model.make_robot(record.overrides))) for record in records]
         selected = [r for r, e in zip(records, engine, strict=True) if not e] or list(records)
         self.free, self.led = all(engine), False
-        self.robot = robot_of(model_with(model, changes), selected[0]) if records else None
+        self.robot = (
+            model_with(model, changes).make_robot(selected[0].overrides) if records else None
+        )
         self.records = [busiest(record, SECONDS) for record in selected[:COUNT]]
         self._trials: dict[str, Trial | None] = {}
         self.possible = bool(self.records) and self() is not None and bool(self().joints)
@@ -255,11 +256,6 @@ def model_with(model: Model, changes: Sequence[Change]) -> Model:
     values = {c.key: c.value for c in model_changes if c.key != EFFECTS}
     added = [spec for c in model_changes if c.key == EFFECTS for spec in c.value]
     return replace(model, overrides={**model.overrides, **values}, effects=[*model.effects, *added])
-
-
-def robot_of(model: Model, record: Record) -> Robot:
-    """The robot of a record."""
-    return Model(model.robot, {**model.overrides, **record.overrides}).make_robot()
 
 
 def busiest(record: Record, seconds: float) -> Record:

@@ -14,8 +14,8 @@ from loco_sim.robot.clearance import SLIDES
 from loco_sim.robot.description import Description
 from loco_sim.robot.servo import ImpedanceDrive
 
-from ..recordings import suspect, units
-from . import commands, signals
+from ..recordings import units
+from . import commands, signals, suspect
 from .bench import Bench
 from .commands import lines, moved
 from .finding import EFFECTS, MAPPING, MODEL, OFFSET, SCALE, SIGN, UNIT, Change, Finding

@@ -10,7 +10,8 @@ import numpy as np
 from loco_sim.robot.clearance import SLIDES
 from loco_sim.robot.description import Description
 
-from ..recordings import suspect, units
+from ..recordings import units
+from . import suspect
 from .bench import Bench, Trial
 from .finding import JOINT, MAPPING, SCALE, SIGN, UNIT, Change, Finding, roles_of, unit_of
 from .limits import LIMITS

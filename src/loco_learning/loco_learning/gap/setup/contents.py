@@ -6,11 +6,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from loco_control.params import to_dict
+from loco_control.params import Params, to_dict
 from loco_sim.plant.model import Model
 
 from ...plain import plain
-from ..params import GapParams
 from ..recordings.record import HELD_OUT, Doubt, Record
 from .finding import Finding
 
@@ -23,7 +22,7 @@ EVIDENCE = (
 
 
 def contents(
-    model: Model, records: Sequence[Record], findings: Sequence[Finding], params: GapParams
+    model: Model, records: Sequence[Record], findings: Sequence[Finding], params: Params
 ) -> dict[str, Any]:
     """Contents of ``gap.json`` for a set-up that must be corrected first.
 

@@ -13,11 +13,10 @@ import numpy as np
 from loco_sim.plant.model import Model
 from loco_sim.robot.description import Description
 
-from ..recordings import suspect
 from ..recordings.lags import rates
 from ..recordings.record import Record
-from . import bodies, commands, mend, parts, signals, torques
-from .bench import Bench, robot_of
+from . import bodies, commands, mend, parts, signals, suspect, torques
+from .bench import Bench
 from .finding import Change, Finding
 from .limits import LIMITS
 
@@ -112,7 +111,7 @@ def of_signals(model: Model, records: Sequence[Record]) -> list[Finding]:
     """
     by_key: dict[object, dict[str, Finding]] = {}
     for record in records:
-        robot = robot_of(model, record)
+        robot = model.make_robot(record.overrides)
         bench_of = cache(partial(Bench, model, [record]))  # simulated once, and only if needed
         of_units = () if record.trusted else suspect.findings(record, robot)
         signal_findings = (signals.wraps(record, robot), signals.base(record, robot))

@@ -17,7 +17,7 @@ from ..prediction.forward import Forward, ForwardParams
 from ..recordings import lags
 from ..recordings.record import Record, bridged
 from . import commands, signals
-from .bench import Bench, Trial, commanded, robot_of
+from .bench import Bench, Trial, commanded
 from .finding import Change, Finding, correct
 from .limits import LIMITS
 
@@ -35,7 +35,7 @@ def changed(model: Model, record: Record) -> Iterator[Finding]:
     that which leaves the least. What the model does as well, as a joint beyond its resonance moves
     against its command, is no mistake; without a simulation nothing is told.
     """
-    robot, command = robot_of(model, record), record.command.get("position")
+    robot, command = model.make_robot(record.overrides), record.command.get("position")
     wrapped = {joint for finding in signals.wraps(record, robot) for joint in finding.joints}
     predicted = cache(partial(_predicted, model, record))
     for i, joint in enumerate(record.driven if command is not None else ()):
@@ -57,7 +57,7 @@ def _predicted(model: Model, record: Record) -> dict[str, np.ndarray]:
 
     A robot that needs an engine is not simulated.
     """
-    if needs_engine(robot_of(model, record)):
+    if needs_engine(model.make_robot(record.overrides)):
         return {}
     try:
         forward = Forward(model, [record], ForwardParams(signals=("q",)))

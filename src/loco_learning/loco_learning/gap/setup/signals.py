@@ -11,8 +11,9 @@ from loco_sim.robot.description import Description
 from loco_sim.robot.robot import Robot
 from loco_sim.robot.servo import ImpedanceDrive
 
-from ..recordings import lags, suspect
+from ..recordings import lags
 from ..recordings.record import Record, bridged
+from . import suspect
 from .bench import Bench
 from .finding import MAPPING, MODEL, OFFSET, WRAP, Change, Finding
 from .limits import LIMITS

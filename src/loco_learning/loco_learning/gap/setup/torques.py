@@ -25,9 +25,9 @@ from loco_sim.robot.robot import Robot
 from loco_sim.robot.servo import ImpedanceDrive, TorqueDrive
 
 from ..prediction.led import SMOOTH, TRIM
-from ..recordings import suspect
 from ..recordings.record import Record, bridged, spacing
-from .bench import Bench, robot_of
+from . import suspect
+from .bench import Bench
 from .commands import swap
 from .finding import EFFECTS as ADDED
 from .finding import JOINT, MAPPING, MODEL, OFFSET, SCALE, SIGN, UNIT, Change, Finding, roles_of
@@ -170,7 +170,7 @@ def _read(bench: Bench) -> Torques | None:
     model, records = bench.whole()
     tables, gravity = [], np.zeros(3)
     for record in records:
-        robot = robot_of(model, record)
+        robot = model.make_robot(record.overrides)
         table = _table(record, robot, max(ROWS // len(records), 2))
         none = np.full(table["q"].shape, np.nan)
         table |= {"free": none, "weight": np.stack([none] * 3, axis=2)}
@@ -183,7 +183,7 @@ def _read(bench: Bench) -> Torques | None:
     arrays = {key: np.concatenate([table[key] for table in tables]) for key in tables[0]}
     if len(arrays["q"]) < LIMITS.samples:
         return None
-    return Torques(model, robot_of(model, records[0]), gravity=gravity, **arrays)
+    return Torques(model, model.make_robot(records[0].overrides), gravity=gravity, **arrays)
 
 
 def _table(record: Record, robot: Robot, count: int) -> dict[str, np.ndarray]:

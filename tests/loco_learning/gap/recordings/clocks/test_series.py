@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from loco_control.exceptions import ParameterError
-from loco_learning.gap.recordings import align
+from loco_learning.gap.importing import align
 from loco_learning.gap.recordings.clocks import series
 
 T = np.arange(1600) / 100.0

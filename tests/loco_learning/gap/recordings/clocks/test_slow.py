@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from loco_learning.gap.recordings import align
+from loco_learning.gap.importing import align
 from loco_learning.gap.recordings.clocks import slow
 from loco_learning.gap.recordings.record import Doubt
 from loco_learning.gap.recordings.tracks import Track

@@ -6,9 +6,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from loco_learning.gap.importing import align
 from loco_learning.gap.prediction import running
 from loco_learning.gap.prediction.forward import Forward, ForwardParams
-from loco_learning.gap.recordings import align
 from loco_learning.gap.recordings.clocks.params import TICKS
 from loco_learning.gap.recordings.record import Record
 from loco_learning.gap.recordings.tracks import Track

@@ -4,7 +4,7 @@
 import numpy as np
 import pytest
 
-from loco_learning.gap.recordings import align
+from loco_learning.gap.importing import align
 from loco_learning.gap.recordings.clocks import ticks
 from loco_learning.gap.recordings.tracks import Track
 

@@ -6,7 +6,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from loco_control.exceptions import BagError
-from loco_learning.gap.recordings.tables import is_table
+from loco_learning.gap.importing.tables import is_table
 
 from ..coding import plain_name
 from ..reader import Bag

@@ -12,7 +12,8 @@ from pathlib import Path
 from loco_control.exceptions import MissingFileError, ParameterError
 from loco_control.files import write_whole
 from loco_learning.gap.drafting.draft import of_table
-from loco_learning.gap.recordings import importing, mapping, tables
+from loco_learning.gap.importing import importing, tables
+from loco_learning.gap.recordings import mapping
 from loco_sim import lazy
 from loco_sim.plant import model as models
 

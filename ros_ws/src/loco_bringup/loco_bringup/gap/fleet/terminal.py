@@ -17,12 +17,12 @@ from typing import Any
 from loco_control.exceptions import MissingFileError, ParameterError
 from loco_control.files import claim, write_whole
 from loco_control.params import from_dict, to_dict
+from loco_learning.gap.fitting.params import GapParams
 from loco_learning.gap.fleet import contents, fleet, table, tasks
 from loco_learning.gap.fleet.fleet import Fleet
 from loco_learning.gap.fleet.params import FleetParams
 from loco_learning.gap.fleet.table import Recording
-from loco_learning.gap.params import GapParams
-from loco_learning.gap.recordings import tables
+from loco_learning.gap.importing import tables
 from loco_learning.gap.setup.contents import SETUP
 from loco_learning.jobs.kept import Memory
 from loco_sim.plant import model as models

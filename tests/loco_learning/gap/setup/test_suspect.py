@@ -8,8 +8,10 @@ import numpy as np
 import pytest
 
 from loco_control.exceptions import ParameterError
-from loco_learning.gap.recordings import align, importing, lags, mapping, suspect
+from loco_learning.gap.importing import align, importing
+from loco_learning.gap.recordings import lags, mapping
 from loco_learning.gap.recordings.tracks import Track
+from loco_learning.gap.setup import suspect
 from loco_sim.robot.servo import TorqueDrive
 from loco_sim.robot.spring import SpringParams
 

@@ -7,7 +7,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from loco_learning.gap.recordings import lags, observe
+from loco_learning.gap.importing import observe
+from loco_learning.gap.recordings import lags
 from loco_learning.gap.recordings.tracks import Track
 
 T = np.arange(2000) * 0.005

@@ -10,8 +10,8 @@ import numpy as np
 from loco_control.exceptions import ParameterError
 from loco_sim.robot.robot import Robot
 
-from .mapping import ROLES
-from .tracks import Track
+from ..recordings.mapping import ROLES
+from ..recordings.tracks import Track
 
 MIN_SAMPLES = 50
 MIN_DURATION = 0.25  # [s]

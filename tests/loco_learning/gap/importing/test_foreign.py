@@ -15,7 +15,8 @@ import numpy as np
 import pytest
 
 from loco_control.exceptions import LocoError
-from loco_learning.gap.recordings import importing, mapping, tables
+from loco_learning.gap.importing import importing, tables
+from loco_learning.gap.recordings import mapping
 from loco_sim.robot import robot as robots
 
 LEG = robots.load("hyq_leg")

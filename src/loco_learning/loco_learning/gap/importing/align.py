@@ -16,11 +16,13 @@ import numpy as np
 from loco_control.exceptions import ParameterError
 from loco_sim.robot.robot import Robot
 
-from . import checks, lags, observe, suspect
-from .clocks import cuts, series, slow, steady, ticks
-from .clocks.params import CUTS
-from .record import COMMANDS, FIT, INPUTS, JOINT_SIGNALS, WIDTHS, Doubt, Record
-from .tracks import AXES, Track, correct, followed
+from ..recordings import lags
+from ..recordings.clocks import cuts, series, slow, steady, ticks
+from ..recordings.clocks.params import CUTS
+from ..recordings.record import COMMANDS, FIT, INPUTS, JOINT_SIGNALS, WIDTHS, Doubt, Record
+from ..recordings.tracks import AXES, Track, correct, followed
+from ..setup import suspect
+from . import checks, observe
 
 ROUND = 2e-3  # a rate this close to that of the robot, or to a multiple of 10, is set to it
 FINE_STEP = 2e-4  # [s] simulations with longer steps get a note on their error

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from loco_control.exceptions import LocoError, MissingFileError
-from loco_learning.gap.recordings import importing, mapping, tables, tracks
+from loco_learning.gap.importing import importing, tables
+from loco_learning.gap.recordings import mapping, tracks
 from loco_learning.gap.recordings.record import FIT, HELD_OUT
 from loco_sim.robot import robot as robots
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from loco_control.exceptions import ParameterError
-from loco_learning.gap.recordings import align, checks
+from loco_learning.gap.importing import align, checks
 
 
 def refused(tracks, robot, said, **options):

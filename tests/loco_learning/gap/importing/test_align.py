@@ -6,7 +6,7 @@ import pytest
 
 from loco_control.exceptions import ParameterError
 from loco_learning.gap import contents
-from loco_learning.gap.recordings import align
+from loco_learning.gap.importing import align
 from loco_learning.gap.recordings.record import HELD_OUT, Doubt
 from loco_learning.gap.recordings.tracks import Track
 

@@ -13,10 +13,11 @@ import numpy as np
 from loco_control.exceptions import MissingFileError, ParameterError
 from loco_sim.robot.robot import Robot
 
-from . import align, tables, tracks
+from ..recordings import tracks
+from ..recordings.mapping import Column, Mapping, Rule
+from ..recordings.record import Doubt, Record
+from . import align, tables
 from .foreign import EPISODE
-from .mapping import Column, Mapping, Rule
-from .record import Doubt, Record
 
 NO_RECORDING = "there is no recording at {}; name a bag folder or a file (docs/gap_import.md)"
 

@@ -19,11 +19,11 @@ from loco_sim.robot.description import Description
 from loco_sim.robot.robot import Robot
 from loco_sim.robot.servo import TorqueDrive
 
-from ..setup.finding import MAPPING, OFFSET, SCALE, SIGN, UNIT, Change, Finding, unit_of
-from .lags import is_constant, rates
-from .record import Record, bridged, spacing
-from .tracks import Track
-from .units import TURN, factor
+from ..recordings.lags import is_constant, rates
+from ..recordings.record import Record, bridged, spacing
+from ..recordings.tracks import Track
+from ..recordings.units import TURN, factor
+from .finding import MAPPING, OFFSET, SCALE, SIGN, UNIT, Change, Finding, unit_of
 
 DEGREE = 180.0 / np.pi
 SLOWEST, FASTEST = 4.0, 2e4  # range of plausible sampling rates [Hz]

@@ -11,8 +11,8 @@ import numpy as np
 from loco_sim.robot.description import Description
 from loco_sim.robot.robot import Robot
 
-from .record import Doubt
-from .tracks import INPUTS, Track
+from ..recordings.record import Doubt
+from ..recordings.tracks import INPUTS, Track
 
 TURN = 2.0 * np.pi
 STUCK = 5  # consecutive samples at the largest value that are not by chance

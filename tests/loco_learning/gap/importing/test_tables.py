@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from loco_control.exceptions import MissingFileError, NameUnknownError, ParameterError
-from loco_learning.gap.recordings import tables
+from loco_learning.gap.importing import tables
 
 
 def written(folder, name, text):

@@ -15,8 +15,9 @@ import numpy as np
 from loco_control.exceptions import NameUnknownError, ParameterError
 from loco_control.reading import parse_csv, parse_json, read_text, understood
 
-from . import foreign, units
-from .record import Doubt
+from ..recordings import units
+from ..recordings.record import Doubt
+from . import foreign
 
 SUFFIXES = (".csv", ".txt", ".tsv", ".dat", ".json", ".jsonl", ".pt", ".parquet")
 BINARY = {".pt": foreign.torch_columns, ".parquet": foreign.parquet_columns}
