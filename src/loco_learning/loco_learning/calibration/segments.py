@@ -45,12 +45,11 @@ class Segments:
         return self.periods.std(axis=0)
 
 
-def low_pass(x: np.ndarray, cutoff: float = CUTOFF) -> np.ndarray:
+def low_pass(x: np.ndarray) -> np.ndarray:
     """Second-order Butterworth low-pass without phase shift (applied forwards and backwards).
 
     Args:
         x: Evenly sampled signal, (T,).
-        cutoff: Corner frequency as a share of half the sampling rate, in (0, 1).
 
     Raises:
         ParameterError: The signal is too short to filter.
@@ -60,7 +59,7 @@ def low_pass(x: np.ndarray, cutoff: float = CUTOFF) -> np.ndarray:
     # Called here since its import takes 0.8 s and other users of this module do not filter.
     from scipy import signal
 
-    b, a = signal.butter(2, cutoff)
+    b, a = signal.butter(2, CUTOFF)
     return signal.filtfilt(b, a, x, padlen=min(len(x) - 1, 300))
 
 
@@ -74,16 +73,13 @@ def leading(commands: np.ndarray) -> int:
     return int(np.argmax(moving))
 
 
-def crossings(
-    t: np.ndarray, reference: np.ndarray, min_periods: int = 2, cutoff: float = CUTOFF
-) -> np.ndarray:
+def crossings(t: np.ndarray, reference: np.ndarray, min_periods: int = 2) -> np.ndarray:
     """Times at which the centred, smoothed reference rises through zero [s], (P + 1,).
 
     Args:
         t: Times of the samples [s], evenly spaced, (T,).
         reference: Command of one driven joint, (T,).
         min_periods: Smallest number of whole periods.
-        cutoff: See `low_pass`.
 
     Raises:
         ParameterError: The signal is not finite, constant, not periodic, or has too few periods.
@@ -96,7 +92,7 @@ def crossings(
         raise ParameterError(
             f"the actuation is constant at {reference[0]:g} rad: it has no zero crossings to cut at"
         )
-    smooth = low_pass(reference, cutoff)
+    smooth = low_pass(reference)
     smooth = smooth - 0.5 * (smooth.max() + smooth.min())
     before = np.flatnonzero((smooth[:-1] < 0.0) & (smooth[1:] >= 0.0))
     if len(before) < min_periods + 1:

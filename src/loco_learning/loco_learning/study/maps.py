@@ -136,17 +136,16 @@ def regions(sheet: Sheet, spec: MapSpec) -> dict[str, Region]:
 # ---- drawing -----------------------------------------------------------------
 
 
-def heat_map(sheet: Sheet, metric: str, spec: MapSpec, page: str = "") -> Chart:
+def heat_map(sheet: Sheet, metric: str, spec: MapSpec) -> Chart:
     """A metric as colour, with dots for failed trials and an outline of the permitted range.
 
     Args:
         sheet: The plane.
         metric: Name of the metric.
         spec: The map's settings.
-        page: Page to which the cells link, relative to the page of the map; empty for that page.
     """
     unit = METRICS[metric].unit if metric in METRICS else "-"
-    layers = heat.cells(sheet.columns[metric], unit, _links(sheet, page), metric.replace("_", " "))
+    layers = heat.cells(sheet.columns[metric], unit, _links(sheet), metric.replace("_", " "))
     failed = np.argwhere(sheet.columns["survived"] < 0.5).reshape(-1, 2)
     layers += heat.haloed(dots("failed", failed[:, 1], failed[:, 0], BLACK, size=2.0))
     if metric in spec.legal:
@@ -176,7 +175,7 @@ def region_map(sheet: Sheet, spec: MapSpec, page: str = "") -> Chart:
     return _plane(sheet, [*layers, *_damping_lines(sheet, spec)])
 
 
-def _links(sheet: Sheet, page: str) -> list[list[str]]:
+def _links(sheet: Sheet, page: str = "") -> list[list[str]]:
     """Link to the first case of each cell."""
     return [[f"{page}#case-{names[0]}" if names else "" for names in row] for row in sheet.cases]
 

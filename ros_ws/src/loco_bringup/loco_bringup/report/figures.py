@@ -194,9 +194,9 @@ def joint_tracking(log: Log) -> Plot:
     return Plot(log.t, panels, style.spans(log), view=close_look(log))
 
 
-def close_look(log: Log, strides: float = STRIDES) -> tuple[float, float]:
+def close_look(log: Log) -> tuple[float, float]:
     """Start and end [s] of the last strides of a log."""
-    return max(log.t[0], log.t[-1] - strides * quantities.period(log) * log.dt), log.t[-1]
+    return max(log.t[0], log.t[-1] - STRIDES * quantities.period(log) * log.dt), log.t[-1]
 
 
 def tracked(target: np.ndarray, command: np.ndarray, measured: np.ndarray) -> list[Line]:

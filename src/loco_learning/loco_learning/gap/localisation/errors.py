@@ -47,11 +47,11 @@ def nrmse(curve: Curve, column: int, which: str) -> Error:
     return _interval(squares, f"nrmse {curve.name} {column}", np.sqrt)
 
 
-def mawe(curve: Curve, column: int, which: str, window: float = WINDOW) -> Error:
+def mawe(curve: Curve, column: int, which: str) -> Error:
     """Mean absolute error with the time shift that minimises it [unit of the channel]."""
     measured, model = curve.measured[:, column], getattr(curve, which)[:, column]
     dt = (curve.t[-1] - curve.t[0]) / max(1, len(curve.t) - 1)
-    max_shift = min(int(window / dt + 1e-9), len(measured) // 4)
+    max_shift = min(int(WINDOW / dt + 1e-9), len(measured) // 4)
     shifts = sorted(range(-max_shift, max_shift + 1), key=lambda s: (abs(s), s))
     each = [np.abs(measured - _shifted(model, s)) for s in shifts]
     means = [float(np.mean(e[np.isfinite(e)])) if np.isfinite(e).any() else np.inf for e in each]

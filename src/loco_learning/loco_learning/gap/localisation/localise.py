@@ -17,6 +17,7 @@ from ..recordings.record import Record, spacing
 
 BANDS = (1.0, 5.0, 20.0)  # edges of the frequency bands [Hz]
 JOINT_SIGNALS = ("q", "dq", "tau")
+MAIN_SHARE = 0.8  # share of the gap that the main cells hold together
 BLOCKS, DRAWS = 32, 200
 
 
@@ -83,7 +84,6 @@ def localise(
     channels: Sequence,
     residuals: Sequence[np.ndarray],
     rng: np.random.Generator,
-    main_share: float = 0.8,
 ) -> GapMap:
     """Divide the gap among cells.
 
@@ -92,7 +92,6 @@ def localise(
         channels: Column names of the residuals, with `signal` and `name`.
         residuals: Whitened, (T, C) per record; NaN = not measured.
         rng: Source of the resampling.
-        main_share: Share that the main cells hold together.
     """
     sums = _Sums(max(BLOCKS, len(records)))
     lengths = np.array([len(r.t) for r in records])
@@ -107,7 +106,7 @@ def localise(
     keys = list(sums.rows)
     if not keys:
         return GapMap((), 0)
-    return _ranked(keys, np.stack([sums.rows[k] for k in keys], axis=1)[:first], rng, main_share)
+    return _ranked(keys, np.stack([sums.rows[k] for k in keys], axis=1)[:first], rng)
 
 
 def band_names(rate: float) -> list[str]:
@@ -185,9 +184,7 @@ def _thirds(records: Sequence[Record], joint: str) -> tuple[float, float] | None
     return float(low + (high - low) / 3.0), float(high - (high - low) / 3.0)
 
 
-def _ranked(
-    keys: list[tuple[str, ...]], blocks: np.ndarray, rng: np.random.Generator, main_share: float
-) -> GapMap:
+def _ranked(keys: list[tuple[str, ...]], blocks: np.ndarray, rng: np.random.Generator) -> GapMap:
     """Cells with shares; `blocks` (B, K) holds the excess energies."""
     n = len(blocks)
     shares = _shares(blocks.sum(0, keepdims=True))[0]
@@ -204,7 +201,7 @@ def _ranked(
         for i in order
     )
     reached = np.cumsum([c.share for c in cells])
-    return GapMap(cells, min(int(np.searchsorted(reached, main_share)) + 1, len(cells)))
+    return GapMap(cells, min(int(np.searchsorted(reached, MAIN_SHARE)) + 1, len(cells)))
 
 
 def _shares(energy: np.ndarray) -> np.ndarray:

@@ -166,7 +166,6 @@ class Weights:
 def weigh(
     models: Sequence[Fitted],
     seed: int,
-    criterion: Criterion = CRITERION,
     unusual: Callable[[Fitted], float] = lambda model: 0.0,
 ) -> Weights:
     """Weights of models on the same data.
@@ -176,17 +175,14 @@ def weigh(
     Args:
         models: Fitted models, with that without effects.
         seed: Seed of the resampling.
-        criterion: Free numbers.
         unusual: Logarithm of the prior odds against further values of a model [nat].
     """
-    inside = [m for m in models if not any(on_edge(*part, criterion.edge) for part in m.parts)]
+    inside = [m for m in models if not any(on_edge(*part, CRITERION.edge) for part in m.parts)]
     models = sorted(inside, key=lambda m: (m.fit_rms * m.held.rms, m.key))
     first, scores = 0, [m.score for m in models]
     for _ in models:
         extra = [unusual(m) - unusual(models[first]) for m in models]
-        prices = [
-            _price(m, models[first], criterion) + e for m, e in zip(models, extra, strict=True)
-        ]
+        prices = [_price(m, models[first]) + e for m, e in zip(models, extra, strict=True)]
         rng = np.random.default_rng([seed, WEIGHTS])
         logs = evidence.log_weights(scores, first, prices, rng)
         if logs.max() <= 0.0:
@@ -197,9 +193,9 @@ def weigh(
     return Weights(tuple(models[i] for i in order), values / values.sum())
 
 
-def _price(a: Fitted, b: Fitted, criterion: Criterion) -> float:
+def _price(a: Fitted, b: Fitted) -> float:
     """Logarithm of the prior odds against the first model [nat]: of its effects and parameters."""
-    return occam(a, b) + criterion.price * (len(a.parts) - len(b.parts))
+    return occam(a, b) + CRITERION.price * (len(a.parts) - len(b.parts))
 
 
 def smallest(probabilities: Mapping[str, float], confidence: float) -> tuple[str, ...]:

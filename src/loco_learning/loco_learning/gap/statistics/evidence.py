@@ -27,6 +27,7 @@ NU = 5.0  # degrees of freedom of the density
 LIMIT = 1e5  # [floors] largest whitened residual, and that of a model that diverged
 MIN_VALUES = 8  # smallest number of independent values of a channel in all records
 SURE_RATIO = 2.0  # rms of two models from which on few blocks are no reason for doubt
+DRAWS = 1000  # bootstrap samples
 N_BLOCKS = 16  # blocks of all records that are the same for all models
 MOST_ODDS = 1e9
 LEAST_FREEDOM = 4.0  # degrees of freedom of Student's law for intervals from few blocks
@@ -191,7 +192,6 @@ def log_weights(
     first: int,
     prices: Sequence[float],
     rng: np.random.Generator,
-    draws: int = 1000,
 ) -> np.ndarray:
     """Logarithm of the weight of each model over that of one of them [nat], (M,).
 
@@ -206,7 +206,6 @@ def log_weights(
         first: Index of the model to which all are compared, preferably the best.
         prices: Penalty of each for parameters that the first lacks [nat], (M,).
         rng: Source of the resampling.
-        draws: Bootstrap samples.
     """
     pairs = [_common(scores[first], s) for s in scores]
     sums, blocks, wide = (np.array(x) for x in zip(*pairs, strict=True))
@@ -216,7 +215,7 @@ def log_weights(
         _ratios(*((scores[first], s) if up > 0.0 else (s, scores[first])))
         for s, up in zip(scores, sign, strict=True)
     ]).T  # fmt: skip
-    index = rng.choice(count, (draws, count))
+    index = rng.choice(count, (DRAWS, count))
     quantile = stdtrit(max(count - 1.0, LEAST_FREEDOM), 0.975) / ndtri(0.975)
     low, high = np.minimum(-prices, 0.0), np.maximum(-prices, 0.0)
     results, bound = [], math.log(BLOCK_IS_WON)

@@ -47,39 +47,32 @@ class Limits(Params):
 LIMITS = Limits()
 
 
-def explained(residuals: Sequence[np.ndarray], limits: Limits = LIMITS) -> np.ndarray:
+def explained(residuals: Sequence[np.ndarray]) -> np.ndarray:
     """Channels whose residual is noise, with an allowance for chance, (C,) bool.
 
     Args:
         residuals: Whitened residuals of a model, (T, C) per record; NaN where not measured.
-        limits: Conditions.
     """
     power = np.sum([np.nansum(np.square(r), axis=0) for r in residuals], axis=0)
     count = np.sum([np.isfinite(r).sum(0) for r in residuals], axis=0)
-    return is_noise(power, count, limits)
+    return is_noise(power, count)
 
 
-def is_noise(power: np.ndarray, count: np.ndarray, limits: Limits = LIMITS) -> np.ndarray:
+def is_noise(power: np.ndarray, count: np.ndarray) -> np.ndarray:
     """As `explained`, from the sum of squares [floors²] and number of values of channels, (C,)."""
-    count, z = np.maximum(count, 1), ndtri(1.0 - limits.rare / len(power))
-    return power / count <= limits.explained**2 * (1.0 + z * np.sqrt(KURTOSIS / count))
+    count, z = np.maximum(count, 1), ndtri(1.0 - LIMITS.rare / len(power))
+    return power / count <= LIMITS.explained**2 * (1.0 + z * np.sqrt(KURTOSIS / count))
 
 
-def has_gap(residuals: Sequence[np.ndarray], limits: Limits = LIMITS) -> bool:
-    """True if some channel's residual is above its floor by more than chance.
-
-    Args:
-        residuals: Whitened residuals of a model on all records, (T, C) each.
-        limits: Conditions.
-    """
-    return not explained(residuals, limits).all()
+def has_gap(residuals: Sequence[np.ndarray]) -> bool:
+    """True if some channel's whitened residual, (T, C) per record, exceeds its floor and chance."""
+    return not explained(residuals).all()
 
 
 def adequate(
     before: Sequence[np.ndarray],
     after: Sequence[np.ndarray],
     levels: np.ndarray | None = None,
-    limits: Limits = LIMITS,
 ) -> bool:
     """True if each channel of each record is near the floor, or most of its gap is closed.
 
@@ -87,14 +80,13 @@ def adequate(
         before: Whitened residuals of the initial model, (T, C) per record.
         after: Whitened residuals of the selected model, (T, C) per record.
         levels: Rms over all records [floors] up to which a channel counts as explained, (C,).
-        limits: Conditions.
     """
     total = evidence.by_channel(after)
     left = [c for c, rms in enumerate(total) if levels is None or rms > levels[c]]
     for old, new in zip(before, after, strict=True):
-        noise = explained([new], limits)
+        noise = explained([new])
         for column in left:
             rms = [evidence.rms([r[:, [column]]]) for r in (old, new)]
-            if not noise[column] and evidence.closed(*rms) < limits.most:
+            if not noise[column] and evidence.closed(*rms) < LIMITS.most:
                 return False
     return True

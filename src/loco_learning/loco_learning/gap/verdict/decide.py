@@ -13,7 +13,7 @@ from loco_sim.effects.base import EFFECTS
 
 from ..fitting.fit import Fitted
 from ..probability.prices import is_tiny
-from ..probability.weights import CRITERION, NO_EFFECT, Criterion, Weights, smallest
+from ..probability.weights import CRITERION, NO_EFFECT, Weights, smallest
 from ..statistics import evidence
 from ..statistics.leftover import adequate, has_gap
 
@@ -106,7 +106,6 @@ def decide(
     uncertain: Collection[str] = (),
     sliding: Collection[str] = (),
     levels: np.ndarray | None = None,
-    criterion: Criterion = CRITERION,
 ) -> Decision:
     """Decide on the cause of the gap.
 
@@ -117,7 +116,6 @@ def decide(
         uncertain: Keys of the effects of the selected model whose sizes may be those of absence.
         sliding: Prismatic joints, whose positions are lengths.
         levels: Rms over all records [floors] up to which a channel counts as explained, (C,).
-        criterion: Free numbers.
     """
     initial, base = references.given, references.base
     if not model.parts:
@@ -132,19 +130,17 @@ def decide(
             return Decision(UNKNOWN, (), False, text)
         text = f"The model explains the data: {base.held.rms:.2f} noise floors."
         return Decision(NO_GAP, (), True, text)
-    largely = closes(model, references, criterion)
+    largely = closes(model, references)
     explains = adequate(base.whole, model.whole, levels)
     explains &= largely or adequate(model.whole, model.whole, levels)  # near the floor by itself
-    if explains and _negligible(weights, base, sliding, criterion):
+    if explains and _negligible(weights, base, sliding):
         text = (
             f"The model is {initial.held.rms:.2f} noise floors off only because it is sensitive "
             f"there: {model.names[0]} too small to matter explains it."
         )
         return Decision(NO_GAP, (), True, text)
-    terms = tuple(
-        _term(weights, model, i, h.key in uncertain, criterion)
-        for i, (h, _) in enumerate(model.parts)
-    )
+    parts = enumerate(model.parts)
+    terms = tuple(_term(weights, model, i, h.key in uncertain) for i, (h, _) in parts)
     verdict = _overall({r.verdict for r in terms}, explains, largely)
     loud = None if explains else float(np.nanmax(evidence.by_channel(model.whole)))
     text = _summary(verdict, terms, loud, initial, model)
@@ -154,7 +150,7 @@ def decide(
     return Decision(verdict, terms, explains, text)
 
 
-def closes(model: Fitted, references: References, criterion: Criterion = CRITERION) -> bool:
+def closes(model: Fitted, references: References) -> bool:
     """True if a model closes so much of the gap that its effects may be named beside others.
 
     A given model that falls or diverges makes any gap large, of which whatever rests closes most:
@@ -163,17 +159,14 @@ def closes(model: Fitted, references: References, criterion: Criterion = CRITERI
     Args:
         model: Model with effects.
         references: Models without effects.
-        criterion: Free numbers.
     """
     pairs = (references.whole, model.whole), (references.held, model.held.residuals)
-    return all(evidence.closed_by(*pair) >= criterion.closed for pair in pairs)
+    return all(evidence.closed_by(*pair) >= CRITERION.closed for pair in pairs)
 
 
-def _term(
-    weights: Weights, model: Fitted, index: int, is_uncertain: bool, criterion: Criterion
-) -> Term:
+def _term(weights: Weights, model: Fitted, index: int, is_uncertain: bool) -> Term:
     """Verdict on one effect of a model."""
-    h, confidence = model.parts[index][0], criterion.confidence
+    h, confidence = model.parts[index][0], CRITERION.confidence
     names = smallest(weights.alternatives(model, index), confidence)
     options = tuple(sorted(set(names) - {h.effect, NO_EFFECT}))
     is_absent = is_uncertain or NO_EFFECT in names
@@ -204,16 +197,14 @@ def _overall(verdicts: Collection[str], explains: bool, closes: bool) -> str:
     return NAMED if explains else PARTLY
 
 
-def _negligible(
-    weights: Weights, base: Fitted, sliding: Collection[str], criterion: Criterion
-) -> bool:
+def _negligible(weights: Weights, base: Fitted, sliding: Collection[str]) -> bool:
     """True if a small gap may be due to effects that are too small to matter on any robot."""
-    if np.nanmax(evidence.by_channel(base.whole)) > criterion.trifle:
+    if np.nanmax(evidence.by_channel(base.whole)) > CRITERION.trifle:
         return False
     small = [
         bool(m.parts) and all(is_tiny(*part, sliding) for part in m.parts) for m in weights.models
     ]
-    return bool(weights.values[small].sum() > 1.0 - criterion.confidence)
+    return bool(weights.values[small].sum() > 1.0 - CRITERION.confidence)
 
 
 def _names(terms: Sequence[Term], verdict: str) -> tuple[str, ...]:

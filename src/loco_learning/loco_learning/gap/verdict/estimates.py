@@ -77,13 +77,12 @@ def absent(estimates: Sequence[Estimate]) -> bool:
     return bool(strengths) and not any(e.excludes_absent for e in strengths)
 
 
-def alarms(effect: str, estimates: Sequence[Estimate], limits: Alarms = ALARMS) -> tuple[str, ...]:
+def alarms(effect: str, estimates: Sequence[Estimate]) -> tuple[str, ...]:
     """Implausible parameters of an effect, with the reason, one line each.
 
     Args:
         effect: Name and place of the effect.
         estimates: Parameters of the effect with their intervals.
-        limits: Smallest deviations that are implausible.
     """
     messages, open_ends = [], _undetermined(estimates)
     for e in estimates:
@@ -95,7 +94,7 @@ def alarms(effect: str, estimates: Sequence[Estimate], limits: Alarms = ALARMS) 
             messages.append(f"{where} is {kind}, which is not physical")
         if e in open_ends:
             messages.append(f"{where} has no interval: the data do not determine it")
-        if e.absent is not None and e.spread > limits.spread * _size(e, estimates):
+        if e.absent is not None and e.spread > ALARMS.spread * _size(e, estimates):
             messages.append(f"{where} differs by {e.spread:.2g} between parts of the data")
     return tuple(messages)
 

@@ -22,7 +22,7 @@ from ..hypotheses.families import restrict
 from ..hypotheses.hypotheses import Hypothesis
 from ..prediction.case import Case
 from ..prediction.channels import slides
-from ..probability.weights import CRITERION, Criterion, Weights, weigh
+from ..probability.weights import CRITERION, Weights, weigh
 from ..statistics import identify
 from ..statistics.leftover import has_gap
 from . import stable, traded
@@ -97,16 +97,15 @@ class Outcome:
         return [(m, p) for m, p in self.weights.ranked if m.parts and m.key != self.best.key]
 
 
-def judge(case: Case, search: Search, pool: Pool, criterion: Criterion = CRITERION) -> Outcome:
+def judge(case: Case, search: Search, pool: Pool) -> Outcome:
     """Judge the result of a search.
 
     Args:
         case: Model and data.
         search: Settings and processes.
         pool: Result of the search.
-        criterion: Free numbers.
     """
-    judgement = Judgement(case, search, pool, criterion)
+    judgement = Judgement(case, search, pool)
     result = judgement.result()
     decision, after = result.decision, result.after
     if decision.verdict in (NAMED, PARTLY):
@@ -145,11 +144,10 @@ class Judgement:
         case: Model and data.
         search: Settings and processes.
         pool: Result of the search.
-        criterion: Free numbers.
     """
 
-    def __init__(self, case: Case, search: Search, pool: Pool, criterion: Criterion = CRITERION):
-        self.case, self.search, self.found, self.criterion = case, search, pool, criterion
+    def __init__(self, case: Case, search: Search, pool: Pool):
+        self.case, self.search, self.found = case, search, pool
         self.fits = {m.key: m for m in reversed([pool.base, *pool.models])}
         self.converged: set[str] = {pool.base.key}
         self.lost: dict[str, tuple[Fitted, ...]] = {}  # models without each effect, by key
@@ -168,8 +166,7 @@ class Judgement:
         base, initial = self.found.base, self.found.given
         size = np.nanstd(np.concatenate(self.case.forward.measured), axis=0) / self.case.floor
         sliding, levels = slides(self.case.forward.channels), self.search.params.accuracy * size
-        about = uncertain, sliding, levels, self.criterion
-        decision = decide(weights, model, self.references, *about)
+        decision = decide(weights, model, self.references, uncertain, sliding, levels)
         without = tuple(self.fits[m.key] for m in self.lost.get(model.key, ()))
         evidence = weights, estimates, without, analysis
         return Outcome(decision, initial, base, model, *evidence, asked=self.search.asked)
@@ -180,7 +177,7 @@ class Judgement:
         self._finish([*self.found.models[:LEADING], *first])
         while True:
             weights = self._converged()
-            models = (weights.best, weights.supported(self.criterion.confidence))
+            models = (weights.best, weights.supported(CRITERION.confidence))
             new = [m for m in models if m.parts and m.key not in self.lost]
             if not new or len(self.lost) >= (ROUNDS if self._nameable(new[0]) else UNNAMED):
                 return weights
@@ -189,14 +186,12 @@ class Judgement:
     def _nameable(self, model: Fitted) -> bool:
         """True if effects of a model can be named, because it explains the data or much of them."""
         aims = self.search.params.accuracy > 0.0 or self.search.adequate(model)
-        return aims or closes(model, self.references, self.criterion)
+        return aims or closes(model, self.references)
 
     def _converged(self) -> Weights:
         """Probabilities of all models; those worth mentioning are fitted to convergence first."""
         while True:
-            weights = weigh(
-                [*self.fits.values()], self.search.params.seed, self.criterion, self._unusual
-            )
+            weights = weigh([*self.fits.values()], self.search.params.seed, self._unusual)
             if not self._finish([m for m, value in weights.ranked if value > MIN_PROBABILITY]):
                 return weights
 
@@ -213,7 +208,7 @@ class Judgement:
             The model, its parameters and their analysis, and the keys of the effects whose sizes
             may be those of absence.
         """
-        model = weights.supported(self.criterion.confidence)
+        model = weights.supported(CRITERION.confidence)
         while True:
             estimates, analysis = self._sensitivities(model)
             uncertain = {key for key, each in estimates.items() if absent(each)}

@@ -14,27 +14,24 @@ from ..fitting.fit import Fitted
 from ..prediction.case import Case
 from ..prediction.loose import RANGE, SHIFT
 from ..statistics.leftover import LIMITS
-from .estimates import ALARMS, Alarms
+from .estimates import ALARMS
 
 LISTED = 3  # deviating values that are listed by name
 
 
-def implausible_values(
-    model: Fitted, values: Mapping[str, float], std: float, limits: Alarms = ALARMS
-) -> tuple[str, ...]:
+def implausible_values(model: Fitted, values: Mapping[str, float], std: float) -> tuple[str, ...]:
     """Free values that a fit moved out of their plausible range, a sentence each.
 
     Args:
         model: Fitted model.
         values: Nominal values of the robot by dotted name.
         std: Standard deviation of the logarithm of a value.
-        limits: Smallest deviations that are implausible.
     """
     return tuple(
         f"{name} goes to {model.overrides[name]:.3g}, {model.overrides[name] / values[name]:.3g} "
-        f"times what the robot says: more than {limits.strained:g} deviations of its prior"
+        f"times what the robot says: more than {ALARMS.strained:g} deviations of its prior"
         for name, by in _deviations(model, values, std).items()
-        if abs(by) > limits.strained
+        if abs(by) > ALARMS.strained
     )
 
 
@@ -54,7 +51,7 @@ def _deviations(model: Fitted, values: Mapping[str, float], std: float) -> dict[
     return {n: math.log(value / values[n]) / std for n, value in model.overrides.items()}
 
 
-def deviating_motion(case: Case, model: Fitted, limits: Alarms = ALARMS) -> tuple[str, ...]:
+def deviating_motion(case: Case, model: Fitted) -> tuple[str, ...]:
     """Uncertain values that were refitted out of their plausible range, a sentence each."""
     if case.loose is None:
         return ()
@@ -62,10 +59,10 @@ def deviating_motion(case: Case, model: Fitted, limits: Alarms = ALARMS) -> tupl
     on = _names(case, on_bounds(case, model)) if crowding else ()
     values = zip(case.loose.names, case.loose.nominal, case.loose.spread, strict=True)
     single = tuple(
-        f"{name} goes from {at:.3g} to {model.loose[name]:.3g}: more than {limits.strained:g} "
+        f"{name} goes from {at:.3g} to {model.loose[name]:.3g}: more than {ALARMS.strained:g} "
         "deviations of what is known of it"
         for name, at, deviation in values
-        if name not in on and abs(model.loose.get(name, at) - at) > limits.strained * deviation
+        if name not in on and abs(model.loose.get(name, at) - at) > ALARMS.strained * deviation
     )
     return ((crowding,) if crowding else ()) + single
 
