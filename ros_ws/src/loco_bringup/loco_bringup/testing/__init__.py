@@ -119,12 +119,10 @@ class Graph:
         experiment: Name or path of an experiment, or an `Experiment`.
         folder: New folder for the bag and the logs.
         changes: Values of the experiment by dotted name.
-        layout: ``composed`` (one process) or ``processes`` (one per node).
-        clock: ``lockstep``, ``asap`` or ``realtime``.
-        speed: Largest multiple of real time in lockstep, 0 for no limit.
-        nodes: Name or path of the node set; default that of the experiment's class.
         namespace: Namespace of all nodes.
         ready: Longest wall time until the run begins [s].
+        options: Options of a run, such as ``layout``, ``clock``, ``speed`` and ``nodes``; fields of
+            `graph.run.RunOptions`.
 
     Attributes:
         folder: Folder of the bag and the logs.
@@ -137,16 +135,13 @@ class Graph:
         experiment: Any,
         folder: Path,
         changes: dict[str, Any] | None = None,
-        layout: str = "composed",
-        clock: str = "lockstep",
-        speed: float = 0.0,
-        nodes: str | None = None,
         namespace: str = "",
         ready: float = 60.0,
+        **options: Any,
     ):
         self.folder, self.outcome, self.progress = Path(folder), None, None
         self._experiment, self._changes, self._ready = experiment, changes or {}, ready
-        self._options = {"layout": layout, "clock": clock, "speed": speed, "nodes": nodes}
+        self._options = options
         self._namespace, self._end = namespace.strip("/"), False
         self._error: BaseException | None = None
 
@@ -302,7 +297,7 @@ class Graph:
 
         from ..graph import node_set
 
-        table = TABLES[node_set.table_of(self._options["nodes"] or self._experiment.node_set)]
+        table = TABLES[node_set.table_of(self._options.get("nodes") or self._experiment.node_set)]
         if name in table:
             return table[name].type, table[name].qos
         if kind is None:

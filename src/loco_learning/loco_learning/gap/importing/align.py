@@ -7,7 +7,7 @@ effect that is sought, so it is measured and reported (`lags`), but not removed.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -19,7 +19,7 @@ from loco_sim.robot.robot import Robot
 from ..recordings import lags
 from ..recordings.clocks import cuts, series, slow, steady, ticks
 from ..recordings.clocks.params import CUTS
-from ..recordings.record import COMMANDS, FIT, INPUTS, JOINT_SIGNALS, WIDTHS, Doubt, Record
+from ..recordings.record import COMMANDS, INPUTS, JOINT_SIGNALS, WIDTHS, Doubt, Record
 from ..recordings.tracks import AXES, Track, correct, followed
 from ..setup import suspect
 from . import checks, observe
@@ -58,12 +58,10 @@ def record(
     tracks: Sequence[Track],
     robot: Robot,
     rate: float = 0.0,
-    role: str = FIT,
-    overrides: Mapping[str, Any] | None = None,
     notes: Sequence[str] = (),
     trust_units: bool = False,
-    simulated: float = 0.0,
     judge: bool = True,
+    **known: Any,
 ) -> Record:
     """Align the signals of one experiment.
 
@@ -75,13 +73,11 @@ def record(
         tracks: Signals of the robot's joints, feet and axes.
         robot: Robot that was measured.
         rate: Samples per second; 0 takes the higher of the rates of angles and commands.
-        role: Role of the record.
-        overrides: Known values of robot.yaml for this record.
         notes: Sentences about the file from the importer.
         trust_units: Whether to skip the checks for wrong units.
-        simulated: Physics step of the recorded simulation [s]; 0 for a real robot.
         judge: Whether to reject signals that are probably in a wrong unit; if not, `setup.family`
             reports them.
+        known: Attributes `role`, `overrides` and `simulated` of the record.
 
     Raises:
         ParameterError: The data contradict their description; see `checks`, `suspect`.
@@ -112,13 +108,12 @@ def record(
     if sparse:
         data |= slow.commands(sparse, axis, robot, data)
         messages.append(slow.note(sparse, own_rate, robot))
-    data |= {"role": role, "overrides": dict(overrides or {}), "resolution": observe.steps(tracks),
-             "stamps": observe.stamps(tracks), "simulated": simulated,
-             "trusted": trust_units}  # fmt: skip
+    data |= {"resolution": observe.steps(tracks), "stamps": observe.stamps(tracks),
+             "trusted": trust_units, **known}  # fmt: skip
     messages += observe.notes(tracks, rate, CUTS.silence)
-    if simulated > FINE_STEP:
-        messages.append(STEPS.format(1e3 * simulated))
     result = Record(name, axis - axis[0], **data)
+    if result.simulated > FINE_STEP:
+        messages.append(STEPS.format(1e3 * result.simulated))
     if judge and not trust_units:
         suspect.units(result, robot)
     data |= {"notes": (*messages, *lags.notes(result)), "warnings": tuple(lags.warnings(result))}
@@ -232,33 +227,46 @@ def _fill(
     name: str, tracks: Sequence[Track], robot: Robot, axis: np.ndarray
 ) -> dict[str, dict | tuple]:
     """Arrays of a `Record`, and the names of their columns."""
-    joints = tuple(j for j in robot.joints if any(k.place == j for k in tracks if k.role == "q"))
-    commanded = {k.place for k in tracks if k.role.startswith("command_")}
-    driven = tuple(robot.joints[i] for i in robot.driven if robot.joints[i] in commanded)
-    feet = tuple(f for f in robot.feet if any(k.place == f for k in tracks if k.role == "grf"))
     by = {(k.role, k.place): k for k in tracks}
-    data: dict[str, dict | tuple] = {"joints": joints, "driven": driven, "feet": feet}
-    data["command"] = {
-        kind: _columns(by, f"command_{kind}", driven, axis, ticks.hold, 0.0)
-        for kind in COMMANDS
-        if any(role == f"command_{kind}" for role, _ in by)
+    joints = tuple(j for j in robot.joints if ("q", j) in by)
+    feet = tuple(f for f in robot.feet if ("grf", f) in by)
+    inputs = {k: _columns(by, k, ("",), axis, ticks.hold, 1.0) for k in INPUTS if (k, "") in by}
+    stance = {f: ticks.hold(by["stance", f], axis) for f in robot.feet if ("stance", f) in by}
+    return {
+        "joints": joints,
+        "feet": feet,
+        "inputs": {kind: column[:, 0] for kind, column in inputs.items()},
+        "stance": stance,
+        **_commands(by, robot, axis),
+        **_signals(name, by, joints, feet, axis),
     }
-    lines = {k.role for k in tracks if k.between == "line"}
-    data["ramps"] = tuple(kind for kind in data["command"] if f"command_{kind}" in lines)
-    data["inputs"] = {
-        kind: _columns(by, kind, ("",), axis, ticks.hold, 1.0)[:, 0]
-        for kind in INPUTS
-        if (kind, "") in by
+
+
+def _commands(by: dict, robot: Robot, axis: np.ndarray) -> dict[str, dict | tuple]:
+    """Commands of a `Record`, their joints, and the kinds that are linear between samples."""
+    roles = {role for role, _ in by}
+    commanded = {place for role, place in by if role.startswith("command_")}
+    driven = tuple(robot.joints[i] for i in robot.driven if robot.joints[i] in commanded)
+    kinds = [kind for kind in COMMANDS if f"command_{kind}" in roles]
+    lines = {role for (role, _), track in by.items() if track.between == "line"}
+    return {
+        "driven": driven,
+        "command": {k: _columns(by, f"command_{k}", driven, axis, ticks.hold, 0.0) for k in kinds},
+        "ramps": tuple(kind for kind in kinds if f"command_{kind}" in lines),
     }
-    data["stance"] = {
-        foot: ticks.hold(by["stance", foot], axis) for foot in robot.feet if ("stance", foot) in by
-    }
+
+
+def _signals(
+    name: str, by: dict, joints: tuple[str, ...], feet: tuple[str, ...], axis: np.ndarray
+) -> dict[str, dict]:
+    """Signals of a `Record`, flags of those that were lost, and times by which they were moved."""
     signals, guessed, moved = {}, {}, {}
     for role in (*JOINT_SIGNALS, *WIDTHS, "grf"):
+        if not any(r == role for r, _ in by):
+            continue
         names = joints if role in JOINT_SIGNALS else feet if role == "grf" else AXES[role]
-        if any(r == role for r, _ in by):
-            signals[role] = _columns(by, role, names, axis, ticks.sample, np.nan)
-        if role in signals and role in JOINT_SIGNALS:
+        signals[role] = _columns(by, role, names, axis, ticks.sample, np.nan)
+        if role in JOINT_SIGNALS:
             guessed[role] = _columns(by, role, names, axis, ticks.lost, 0.0) > 0.0
             moved[role] = _columns(by, role, names, axis, ticks.moved, 0.0)
     for role in ("orientation", "base_orientation"):
@@ -266,7 +274,7 @@ def _fill(
             signals[role] = _unit_length(name, role, signals[role])
     lossy = {role: flags for role, flags in guessed.items() if flags.any()}
     moved = {role: late for role, late in moved.items() if late.any()}
-    return data | {"signals": signals, "guessed": lossy, "moved": moved}
+    return {"signals": signals, "guessed": lossy, "moved": moved}
 
 
 def _columns(by: dict, role: str, names: Sequence[str], axis: np.ndarray, how: Any, without: float):

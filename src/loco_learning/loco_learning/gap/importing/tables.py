@@ -390,22 +390,19 @@ def _numbers(
         pass
     comma = not any("." in str(cell) for cell in cells)  # else it separates thousands
     numbers = [_number(cell, comma) for cell in cells]
-    text_cells = [row for row, value in enumerate(numbers) if value is None]
     times = [_seconds(str(cell)) for cell in cells]
     n_numbers = sum(value is not None and not np.isnan(value) for value in numbers)
-    is_time = 2 * sum(value is not None for value in times) > n_numbers + len(text_cells)
+    is_time = len(times) - times.count(None) > 0.5 * (n_numbers + numbers.count(None))
     if is_time:
         numbers = [v if str(cell).strip() else np.nan for v, cell in zip(times, cells, strict=True)]
-        text_cells = [row for row, value in enumerate(numbers) if value is None]
-    elif n_numbers < max(2, len(text_cells)) and (
-        n_numbers < 2 or len({cells[row] for row in text_cells}) > 1
-    ):
+    text_cells = [row for row, value in enumerate(numbers) if value is None]
+    n_texts = len({cells[row] for row in text_cells})
+    if not is_time and n_numbers < max(2, len(text_cells)) and (n_numbers < 2 or n_texts > 1):
         row = text_cells[0]
         raise ParameterError(
             f"{path.name}: column {name!r} has {cells[row]!r} in row {row}, wanted is a number"
         )
-    values = np.array([np.nan if value is None else value for value in numbers], dtype=float)
-    marks = None
+    values, marks = np.array(numbers, dtype=float), None  # NaN for None
     if text_cells:
         marks = np.full(len(cells), "", dtype=object)
         marks[text_cells] = [str(cells[row]).strip() for row in text_cells]

@@ -372,8 +372,7 @@ def prepare(
     sizes, of = np.array([s for _, s, _ in items]), np.array([k for _, _, k in items], dtype=int)
     min_ratio = 0.0 if linear else MIN_RATIO
     bounds = np.array([legal(robot, name, min_ratio) for name in names]).reshape(-1, 2)
-    every, none = range(len(case.records)), np.zeros(len(groups))
-    rows, width = tuple(case.fit_rows), len(case.forward.channels)
+    none, rows, width = np.zeros(len(groups)), tuple(case.fit_rows), len(case.forward.channels)
     stated = np.arange(len(groups)) < len(std)
     loose = Loose(
         names, nominal, sizes, bounds, of, (), np.ones(width), rows, tuple(case.held_rows),
@@ -382,17 +381,25 @@ def prepare(
     for _ in range(1 if linear else TIMES):
         loose = _about(case, loose, starts)
         ref = case.bare([], loose.values(loose.at))
-        for _ in range(ROUNDS if linear or case.ground else 0):
-            left = loose.left(ref, every, loose.best(ref, every))
-            fitted = case.masked(left, every, held=False)
-            score = evidence.score([r for r, used in zip(fitted, rows, strict=True) if used.any()])
-            wide = np.square(score.scale) if linear else 1.0  # otherwise `level` does this
-            weight = 1.0 / (np.max(score.tau, axis=0) * wide)
-            loose = replace(loose, weight=weight, grams={})
-        best = loose.best(ref, every)
+        if linear or case.ground:
+            loose = _weighted(case, loose, ref)
+        best = loose.best(ref, range(len(case.records)))
         if not loose.far(best):
             break
         loose = loose.about(np.where(stated, best[0], 0.0))
+    return loose
+
+
+def _weighted(case: Any, loose: Loose, ref: Sequence[np.ndarray]) -> Loose:
+    """Copy with channels weighted by correlation time and, without `level`, by residual."""
+    every = range(len(case.records))
+    for _ in range(ROUNDS):
+        left = case.masked(loose.left(ref, every, loose.best(ref, every)), every, held=False)
+        used = zip(left, loose.rows, strict=True)
+        score = evidence.score([r for r, rows in used if rows.any()])
+        wide = 1.0 if loose.level else np.square(score.scale)
+        weight = 1.0 / (np.max(score.tau, axis=0) * wide)
+        loose = replace(loose, weight=weight, grams={})
     return loose
 
 

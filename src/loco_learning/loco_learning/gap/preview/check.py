@@ -218,16 +218,7 @@ def missing(records: Sequence[Record], robots: Sequence[Robot]) -> list[str]:
     if lost:
         notes.append(f"{_list(lost)}: position not measured; what happens there is told by the "
                      "other joints alone")  # fmt: skip
-    unmoved = []
-    for joint in robot.joints:
-        travels = [
-            (float(_travel(r.signals["q"])[r.joints.index(joint)]), r.resolution.get(("q", joint)))
-            for r in records
-            if joint in r.joints
-        ]
-        minima = [max(STEPS * (step or 0.0), TURN) for _, step in travels]
-        if travels and all(span < limit for (span, _), limit in zip(travels, minima, strict=True)):
-            unmoved.append(joint)
+    unmoved = [joint for joint in robot.joints if joint in measured and not _moves(joint, records)]
     if unmoved:
         what = "no experiment moves it" if len(unmoved) == 1 else "no experiment moves them"
         drive = " (a spring alone holds it)" if not driven & set(unmoved) else ""
@@ -247,6 +238,16 @@ def missing(records: Sequence[Record], robots: Sequence[Robot]) -> list[str]:
         notes.append("one recording: its last third is held out; a second recording of another "
                      "motion is a better test")  # fmt: skip
     return notes
+
+
+def _moves(joint: str, records: Sequence[Record]) -> bool:
+    """True if a joint moves by more than rounding in any record that measures it."""
+    return any(
+        not _travel(r.signals["q"])[r.joints.index(joint)]
+        < max(STEPS * r.resolution.get(("q", joint), 0.0), TURN)  # NaN is not known to rest
+        for r in records
+        if joint in r.joints
+    )
 
 
 def _seconds(forward: Forward) -> float:

@@ -213,14 +213,6 @@ def loads(text: str, path: str | Path = FILE) -> Mapping:
         raise ParameterError(
             f"{path.name} has format {values['format']!r}; this version reads {FORMAT}"
         )
-    files = values.get("files", "*")
-    files = tuple(map(str, files)) if isinstance(files, list) else (str(files),)
-    for pattern in files:
-        if not pattern or Path(pattern).is_absolute() or ".." in Path(pattern).parts:
-            raise ParameterError(
-                f"{path.name}: files must name files in its folder, such as '*.csv', "
-                f"got {shown(pattern)}"
-            )
     time = _keys(values.get("time") or {}, ("column", "unit", "rate", "scale"), "time")
     scale = units.number(time.get("scale", 1.0), "time.scale")
     if not 1e-3 <= scale <= 1e3 or ("scale" in time and "column" not in time):
@@ -231,7 +223,7 @@ def loads(text: str, path: str | Path = FILE) -> Mapping:
     header = _keys(values.get("header") or {}, None, "header")
     return Mapping(
         path,
-        files=files,
+        files=_files(values.get("files", "*"), path),
         samples=str(values.get("samples") or ""),
         time=str(time.get("column", "")),
         time_unit=unit,
@@ -256,6 +248,18 @@ def loads(text: str, path: str | Path = FILE) -> Mapping:
     )
 
 
+def _files(patterns: Any, path: Path) -> tuple[str, ...]:
+    """Patterns of files in the folder of a mapping."""
+    patterns = tuple(map(str, patterns)) if isinstance(patterns, list) else (str(patterns),)
+    for pattern in patterns:
+        if not pattern or Path(pattern).is_absolute() or ".." in Path(pattern).parts:
+            raise ParameterError(
+                f"{path.name}: files must name files in its folder, such as '*.csv', "
+                f"got {shown(pattern)}"
+            )
+    return patterns
+
+
 def _columns(value: Any, index: int) -> list[Column]:
     """Column of an entry; for a list of joints one column each: ``q`` is ``q[0]``, ``q[1]``."""
     joints = value.get("joint") if isinstance(value, Values) else None
@@ -272,18 +276,14 @@ def _columns(value: Any, index: int) -> list[Column]:
 def _column(value: Any, index: int) -> Column:
     where = f"columns[{index}]"
     value = _keys(value, _COLUMN, where)
-    role = str(value.get("role"))
-    if role not in ROLES:
-        raise NameUnknownError(f"role in {where}", role, ROLES)
+    role = _role(value, where)
     if "column" not in value:
         raise ParameterError(f"{where} ({role}) names no column")
     name = str(value["column"])
     dimensions, kind = ROLES[role]
     if kind and kind not in value:
         raise ParameterError(f"column {name!r} has the role {role} and must name its {kind}")
-    sign = value.get("sign", 1)
-    if sign not in (1, -1):
-        raise ParameterError(f"sign of column {name!r} must be 1 or -1, got {sign!r}")
+    sign = _sign(value, f"of column {name!r}")
     wrap = str(value.get("wrap", "none"))
     if wrap not in WRAPS:
         raise NameUnknownError(f"wrap of column {name!r}", wrap, WRAPS)
@@ -299,12 +299,7 @@ def _column(value: Any, index: int) -> Column:
             f"topic in a bag; got {clock!r}"
         )
     scale = units.number(value.get("scale", 1.0), f"scale of column {name!r}")
-    absent = value.get("missing", [])
-    absent = absent if isinstance(absent, list) else [absent]
-    missing_texts = tuple(text for text in absent if isinstance(text, str) and not _is_number(text))
-    numbers = [entry for entry in absent if entry not in missing_texts]
-    if len(numbers) > 1:
-        raise ParameterError(f"missing of column {name!r} may have one number, got {absent!r}")
+    missing, missing_texts = _absent(value.get("missing", []), f"missing of column {name!r}")
     size = 1.0
     if "unit" in value and role != UNUSED:
         size = _unit(value["unit"], dimensions, f"column {name!r} ({role})", "scale" in value)
@@ -318,22 +313,41 @@ def _column(value: Any, index: int) -> Column:
         wrap=wrap,
         between=between,
         clock=clock,
-        missing=units.number(numbers[0], f"missing of column {name!r}") if numbers else None,
+        missing=missing,
         missing_texts=missing_texts,
         **{key: str(value.get(key, "")) for key in ("file", "topic", "time")},
     )
 
 
-def _mend(value: Any, index: int) -> Mend:
-    where = f"mend[{index}]"
-    value = _keys(value, ("role", *WHERE, "is", "sign", "scale", "unit", "offset", "wrap"), where)
+def _role(value: Values, where: str) -> str:
     role = str(value.get("role"))
     if role not in ROLES:
         raise NameUnknownError(f"role in {where}", role, ROLES)
-    kind = ROLES[role][1]
+    return role
+
+
+def _sign(value: Values, where: str) -> int:
     sign = value.get("sign", 1)
     if sign not in (1, -1):
-        raise ParameterError(f"sign in {where} must be 1 or -1, got {shown(sign)}")
+        raise ParameterError(f"sign {where} must be 1 or -1, got {shown(sign)}")
+    return sign
+
+
+def _absent(entries: Any, what: str) -> tuple[float | None, tuple[str, ...]]:
+    """Number and texts that stand for missing values."""
+    entries = entries if isinstance(entries, list) else [entries]
+    texts = tuple(text for text in entries if isinstance(text, str) and not _is_number(text))
+    numbers = [units.number(entry, what) for entry in entries if entry not in texts]
+    if len(numbers) > 1:
+        raise ParameterError(f"{what} may have one number, got {entries!r}")
+    return (numbers[0] if numbers else None), texts
+
+
+def _mend(value: Any, index: int) -> Mend:
+    where = f"mend[{index}]"
+    value = _keys(value, ("role", *WHERE, "is", "sign", "scale", "unit", "offset", "wrap"), where)
+    role, sign = _role(value, where), _sign(value, f"in {where}")
+    kind = ROLES[role][1]
     if "is" in value and kind != "joint":
         raise ParameterError(f"{where}: is names another joint, and {role} is of no joint")
     size = _unit(value["unit"], ROLES[role][0], where, "scale" in value) if "unit" in value else 1.0
