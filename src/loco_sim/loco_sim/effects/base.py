@@ -3,8 +3,8 @@
 
 An effect is a dataclass of parameters, each with unit and range, whose defaults
 switch it off, an `Identity`, and a few hooks. To add one: derive from `Effect` with a
-name, declare the parameters, fill in its `identity`, override the hooks it needs,
-import its module in ``effects/__init__.py``. The tests over the registry then cover it.
+name in a module of ``effects/catalogue``, declare the parameters, fill in its `identity`,
+and override the hooks it needs. The tests over the registry then cover it.
 """
 
 from __future__ import annotations

@@ -142,7 +142,7 @@ class Body:
         return self._jacobians(np.array([k]), point[None], frames)[0]
 
     def _jacobians(self, bodies: np.ndarray, points: np.ndarray, frames: tuple) -> np.ndarray:
-        """`jacobian` of a point of each of some bodies, (m, 3, n)."""
+        """As `jacobian`, for one point on each of m bodies, (m, 3, n)."""
         turn, place = frames
         axes = self.axes(turn)
         swept = np.cross(axes, points[:, None] - place[:-1])

@@ -203,7 +203,7 @@ class World(Setting, ABC):
         self._load(height)
 
     def restore(self) -> bool:
-        """Restore the state after `rebuild`; False if that requires a rebuild."""
+        """Restore the state that the last `rebuild` left; False if the engine cannot."""
         return False
 
     def joint_inertia(self, q: Sequence[float]) -> np.ndarray:

@@ -26,7 +26,7 @@ from ..bag.reader import Bag
 
 FORMATS = ("npz", "csv")
 TIME = "log_time"  # column of the log times [s]
-NAMES = ("name", "joint_names")  # lists with the names of the elements of other lists
+NAMES = ("name", "joint_names")  # fields that name the elements of the other lists
 
 
 def export(

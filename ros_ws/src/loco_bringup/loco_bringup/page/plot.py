@@ -112,9 +112,9 @@ def data_of(title: str, plot: Plot) -> dict[str, Any]:
 
 
 def thinned(values: np.ndarray, every: int) -> np.ndarray:
-    """First known value of every so many, (M,); NaN where none is known.
+    """First value that is not NaN in each group of `every` neighbours, (M,); else NaN.
 
-    A signal that is slower than the axis, whose values are NaN in between, keeps its values.
+    A signal with fewer samples than the axis, and NaN between them, keeps its values.
     """
     padded = np.full(-(-len(values) // every) * every, np.nan)
     padded[: len(values)] = values

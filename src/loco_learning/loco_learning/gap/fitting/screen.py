@@ -366,7 +366,10 @@ def _solve(columns: np.ndarray, residual: np.ndarray) -> np.ndarray:
 
 
 def _scaled(hypothesis: Hypothesis, x: Sequence[float], factors: Sequence[float]) -> list[float]:
-    """Coordinates with the strengths multiplied, clipped to step limits and bounds."""
+    """Coordinates of a hypothesis with each strength times its factor.
+
+    Factors lie between `SHRINK` and `GROW`, and strengths within their bounds.
+    """
     x = list(x)
     for strength, factor in zip(hypothesis.strengths, factors, strict=True):
         size = min(max(abs(factor), SHRINK), GROW) if factor else 0.0

@@ -100,7 +100,7 @@ class Torques:
         return commands[:, np.isfinite(commands).all(axis=0)]
 
     def driven(self, joint: int) -> np.ndarray:
-        """Torque of a drive by its gains in robot.yaml, (T,); NaN if they do not tell it."""
+        """Torque of a drive by its gains in robot.yaml, (T,); NaN if they do not determine it."""
         drive, commands = self.robot.drives.get(self.robot.joints[joint]), self.commands[:, joint]
         if isinstance(drive, TorqueDrive):
             return drive.motor_torque(commands[:, 0], self.speed[:, joint])

@@ -33,7 +33,7 @@ def masses(robot: Robot, factor: float) -> dict[str, float]:
     """Values of robot.yaml with all link masses multiplied by a factor; inertias follow."""
     text = Description(robot.urdf)
     total = {link: sum(text.mass_of(below) for below in text.below(link)) for link in text.links()}
-    links = [link for link in total if text.mass_of(link) > 0.0]  # others are frames
+    links = [link for link in total if text.mass_of(link) > 0.0]  # links without mass are frames
     return {f"masses.{link}": factor * total[link] for link in links}
 
 
