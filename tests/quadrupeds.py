@@ -4,9 +4,12 @@
 from importlib.util import find_spec
 from pathlib import Path
 
+import numpy as np
 import pytest
 import yaml
 
+from loco_control.legs.geometry import HYQ, LegGeometry
+from loco_control.legs.kinematics import jacobian
 from loco_control.names import LEGS
 from loco_sim.robot.description import Description
 
@@ -76,3 +79,18 @@ def write(folder, name, **more):
     values = {"urdf": "robot.urdf", "joints": joints, "legs": section, **more}
     (path / "robot.yaml").write_text(yaml.safe_dump(values))
     return path
+
+
+def joint_limits(geometry: LegGeometry | None = None) -> tuple[np.ndarray, np.ndarray]:
+    """Lowest and highest position of each joint of HyQ's leg [rad], each (12,)."""
+    geometry = geometry or LegGeometry()
+    front = np.array([geometry.haa_range, geometry.hfe_range, geometry.kfe_range])  # (3, 2)
+    hind = np.array([front[0], -front[1, ::-1], -front[2, ::-1]])
+    limits = np.concatenate([front, front, hind, hind])
+    return limits[:, 0], limits[:, 1]
+
+
+def joint_velocity(q: np.ndarray, foot_velocity: np.ndarray, legs: np.ndarray = HYQ) -> np.ndarray:
+    """Joint velocities [rad/s], (12,), that move the feet at `foot_velocity` [m/s], (4, 3)."""
+    velocity = np.asarray(foot_velocity, dtype=float).reshape(4, 3, 1)
+    return np.linalg.solve(jacobian(q, legs), velocity).ravel()

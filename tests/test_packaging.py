@@ -21,7 +21,7 @@ from pathlib import Path
 import pytest
 from packaging.requirements import Requirement
 
-from loco_bringup.cli.options import workshop
+from loco_bringup.cli.options import install
 from loco_control import types
 from loco_control.ros.messages.joint_topics import TABLES
 
@@ -480,6 +480,6 @@ def test_the_help_of_install_names_every_extra():
     text = (ROOT / "pyproject.toml").read_text()
     extras = set(re.findall(r"^optional-dependencies\.(\w+) ", text, re.MULTILINE))
     parser = argparse.ArgumentParser()
-    workshop.install(parser)
+    install.install(parser)
     named = re.split(r", | or ", parser._positionals._group_actions[-1].help)
     assert set(named) == extras and len(extras) > 10

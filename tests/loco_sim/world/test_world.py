@@ -7,9 +7,10 @@ from contextlib import closing
 import numpy as np
 import pytest
 import trimesh
+from tests.quadrupeds import joint_limits
 
 from loco_control.exceptions import NameUnknownError, ParameterError
-from loco_control.legs.kinematics import foot_position, joint_limits
+from loco_control.legs.kinematics import foot_position
 from loco_sim.engines import ENGINES, installed
 from loco_sim.geometry import rotate_back, rotation_matrix
 from loco_sim.meshes.read import READERS

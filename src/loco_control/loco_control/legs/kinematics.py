@@ -44,17 +44,7 @@ from .geometry import (
     SIGN,
     THIGH,
     ZERO,
-    LegGeometry,
 )  # fmt: skip
-
-
-def joint_limits(geometry: LegGeometry | None = None) -> tuple[np.ndarray, np.ndarray]:
-    """Lowest and highest position of each joint of HyQ's leg [rad], each (12,)."""
-    geometry = geometry or LegGeometry()
-    front = np.array([geometry.haa_range, geometry.hfe_range, geometry.kfe_range])  # (3, 2)
-    hind = np.array([front[0], -front[1, ::-1], -front[2, ::-1]])
-    limits = np.concatenate([front, front, hind, hind])
-    return limits[:, 0], limits[:, 1]
 
 
 def foot_position(q: np.ndarray, legs: np.ndarray = HYQ) -> np.ndarray:
@@ -84,12 +74,6 @@ def joint_position(feet: np.ndarray, legs: np.ndarray = HYQ) -> np.ndarray:
             f"of reach by {missed[index]:.3g} m (the knee bends by {knee[0]} to {knee[1]} rad)"
         )
     return q
-
-
-def joint_velocity(q: np.ndarray, foot_velocity: np.ndarray, legs: np.ndarray = HYQ) -> np.ndarray:
-    """Joint velocities [rad/s], (12,), that move the feet at `foot_velocity` [m/s], (4, 3)."""
-    velocity = np.asarray(foot_velocity, dtype=float).reshape(4, 3, 1)
-    return np.linalg.solve(jacobian(q, legs), velocity).ravel()
 
 
 def _by_leg(q: np.ndarray) -> np.ndarray:

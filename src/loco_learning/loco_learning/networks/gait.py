@@ -17,7 +17,6 @@ from typing import Any
 import numpy as np
 
 from loco_control.params import Params, from_dict, parameter, to_dict
-from loco_sim.msd.energy import centre_of_mass
 from loco_sim.msd.network import Network, chain
 from loco_sim.msd.params import MsdParams, NoiseParams, preset
 from loco_sim.msd.simulation import Drive, MsdSimulation
@@ -145,10 +144,10 @@ class Evaluator:
     def __call__(self, gait: Gait, seeds: np.ndarray) -> tuple[np.ndarray, ...]:
         """Score [-], speed [m/s] and power [W] of each gait, (size,) arrays."""
         self.simulation.replace(gait.drive(), seeds)
-        start = centre_of_mass(self.network, self.network.positions)[0]
+        start = self.network.centre_of_mass(self.network.positions)[0]
         self.simulation.run(self.steps)
         with np.errstate(invalid="ignore", over="ignore"):
-            end = centre_of_mass(self.network, self.simulation.position)[..., 0]
+            end = self.network.centre_of_mass(self.simulation.position)[..., 0]
             speed = np.where(np.abs(end) < 1e6, (end - start) / self.task.duration, np.nan)
         power = driving_power(self.task, self.network, gait)
         return score(self.task, speed, power), np.nan_to_num(speed), power

@@ -19,7 +19,6 @@ import numpy as np
 
 from loco_control.exceptions import LocoError, NameUnknownError
 from loco_control.params import to_dict
-from loco_sim.msd.energy import centre_of_mass
 from loco_sim.msd.network import chain
 from loco_sim.msd.params import NoiseParams
 from loco_sim.msd.simulation import MsdSimulation
@@ -210,7 +209,7 @@ def _run(task: MsdTask, gait: Gait, seconds: float) -> tuple[np.ndarray, np.ndar
     """Time [s] and distance [m] of the open loop."""
     network, dt = chain(task.params()), task.params().step
     history = MsdSimulation(network, task.params(), gait.drive()).run(round(seconds / dt), every=1)
-    x = centre_of_mass(network, history.position)[:, 0]
+    x = network.centre_of_mass(history.position)[:, 0]
     return history.t, x - x[0]
 
 
@@ -224,8 +223,8 @@ def _noise(job: Job, gait: Gait, repetitions: int = 10) -> Curves:
         for k in range(repetitions):
             simulation = MsdSimulation(network, params, gait.drive(), noise, seed=1000 * i + k)
             simulation.run(steps)
-            end = centre_of_mass(network, simulation.position)[0]
-            distance[i, k] = end - centre_of_mass(network, network.positions)[0]
+            end = network.centre_of_mass(simulation.position)[0]
+            distance[i, k] = end - network.centre_of_mass(network.positions)[0]
     return Curves({}, {"noise": np.array(job.noises), "distance": distance})
 
 

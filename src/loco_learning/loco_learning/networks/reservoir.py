@@ -14,8 +14,7 @@ import numpy as np
 from numba import njit
 
 from loco_control.params import Params, parameter
-from loco_sim.msd.energy import centre_of_mass
-from loco_sim.msd.network import Network, chain
+from loco_sim.msd.network import chain
 from loco_sim.msd.params import MsdParams
 from loco_sim.msd.simulation import Drive, MsdSimulation
 
@@ -219,18 +218,13 @@ def run_loop(params: MsdParams, gait: Gait, loop: LoopParams, every: int = 4) ->
         if (k + 1) % every == 0:
             row = (k + 1) // every - 1
             t[row], predictions[row], target[row] = simulation.time, y, r
-            distance[row] = centre_of_mass(network, simulation.position)[0]
+            distance[row] = network.centre_of_mass(simulation.position)[0]
             sensed[row] = controller.sensor._samples[0]
     starts = np.cumsum(controller.ticks) * params.step
     return LoopLog(
-        t, distance - distance_zero(network), predictions, target, sensed,
+        t, distance - network.centre_of_mass(network.positions)[0], predictions, target, sensed,
         tuple(float(s) for s in starts), diverged,
     )  # fmt: skip
-
-
-def distance_zero(network: Network) -> float:
-    """Initial x position of the centre of mass [m]."""
-    return float(centre_of_mass(network, network.positions)[0])
 
 
 def nrmse(log: LoopLog, start: float = 0.0, end: float = np.inf) -> float:

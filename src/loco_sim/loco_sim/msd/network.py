@@ -70,6 +70,10 @@ class Network:
         for name, values in checked.items():
             object.__setattr__(self, name, values)
 
+    def centre_of_mass(self, position: np.ndarray) -> np.ndarray:
+        """Centre of mass of the nodes at positions (…, nodes, axes) [m], (…, axes)."""
+        return np.sum(self.masses[:, None] * position, axis=-2) / self.masses.sum()
+
     @property
     def nodes(self) -> int:
         """Number of nodes, I."""

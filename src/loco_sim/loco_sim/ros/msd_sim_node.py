@@ -15,7 +15,6 @@ from loco_control.ros.messages.msd_topics import MSD_NODES, MSD_TOPICS, RATE, li
 from loco_control.ros.messages.topics import to_stamp
 from loco_control.ros.parameters import declare
 
-from ..msd.energy import centre_of_mass
 from ..msd.network import chain
 from ..msd.params import MsdParams
 from ..msd.simulation import Drive, MsdSimulation
@@ -50,7 +49,7 @@ class MsdPlant:
         zero = np.zeros(network.count)
         stiffness = network.stiffness if stiffness is None else stiffness
         self.simulation = MsdSimulation(network, params, Drive(zero, zero, 0.0, stiffness))
-        self.start = centre_of_mass(network, network.positions)[0]
+        self.start = network.centre_of_mass(network.positions)[0]
 
     def reset(self) -> NodeStates:
         """Reset the network; its initial state."""
@@ -72,7 +71,7 @@ class MsdPlant:
     def distance(self) -> float:
         """Distance of the centre of mass along x since the start [m]."""
         s = self.simulation
-        return float(centre_of_mass(s.network, s.position)[0] - self.start)
+        return float(s.network.centre_of_mass(s.position)[0] - self.start)
 
     def close(self) -> None:
         """There are no resources to release."""

@@ -4,8 +4,8 @@
 A command consists of two functions. The first, in a module of ``cli/options``, adds the options
 to a parser and imports nothing slow, so that help and error messages appear quickly. What its
 docstring says below the first line is in the help. Its decorator names the second function as
-``module:function``, relative to this package (`loco_bringup`) or, for developer commands, to
-``tests/workshop`` of a clone. This one takes the parsed options and returns the exit code; its
+``module:function``, relative to this package (`loco_bringup`). Both functions of a command for
+developers are in ``tests/workshop`` of a clone. This one takes the parsed options and returns the exit code; its
 import loads everything that the command uses.
 """
 
@@ -22,7 +22,7 @@ from loco_control.exceptions import MissingPackageError, NameUnknownError, Param
 from loco_control.reading import shown
 
 from . import clone
-from .options import bags, gap, learn, run, workshop  # noqa: F401 (they register commands)
+from .options import bags, gap, install, learn, run  # noqa: F401 (they register commands)
 from .options.registry import GROUPS
 
 PACKAGE = __name__.partition(".")[0]
@@ -38,6 +38,9 @@ EXTRAS: dict[tuple[str, ...], str] = {
     ("dynamixel_sdk",): "it comes with `./loco install dynamixel`",
     ("pytest", "rosbags", "mcap_ros2"): "it comes with `./loco install test`",
 }
+if clone.is_one():
+    clone.add_workshop()
+    importlib.import_module(f"{clone.WORKSHOP}.options")  # registers the commands for developers
 COMMANDS = {name: command for group in GROUPS.values() for name, command in group.items()}
 
 
@@ -98,12 +101,9 @@ def load(target: str) -> Callable[..., Any]:
 
     Raises:
         MissingPackageError: A package of `EXTRAS` that the module needs is not installed.
-        MissingFileError: The module is in ``tests/workshop``, and there is no clone.
     """
     module, _, function = target.partition(":")
-    if module.startswith(f"{clone.WORKSHOP}."):
-        clone.add_workshop()
-    else:
+    if not module.startswith(f"{clone.WORKSHOP}."):
         module = f"{PACKAGE}.{module}"
     try:
         return getattr(importlib.import_module(module), function)

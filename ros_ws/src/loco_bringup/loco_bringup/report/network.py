@@ -22,7 +22,6 @@ from loco_learning.drawing.chart import line as draw_line
 from loco_learning.params import PHASES
 from loco_learning.runs.experiment import from_values, is_network
 from loco_learning.runs.network_experiment import NetworkExperiment
-from loco_sim.msd.energy import centre_of_mass
 from loco_sim.msd.network import Network, chain
 
 from ..bag.reader import Bag
@@ -59,7 +58,7 @@ class MsdLog:
     @property
     def distance(self) -> np.ndarray:
         """Distance of the centre of mass along x [m], (T,)."""
-        x = centre_of_mass(self.network, self.position)[:, 0]
+        x = self.network.centre_of_mass(self.position)[:, 0]
         return x - x[0]
 
     def spans(self) -> list[tuple[str, float, float]]:
