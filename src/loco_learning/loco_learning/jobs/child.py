@@ -43,7 +43,7 @@ class Child:
         arguments: tuple,
         duplex: bool = False,
     ):
-        self._title, self._last, self._ended = title, (last, Failed), False
+        self._title, self._last, self._finished = title, (last, Failed), False
         self._process, self._ours = spawn(_serve, (work, arguments), duplex)
 
     @property
@@ -55,12 +55,12 @@ class Child:
         """Events since the last call, oldest first; the final event is the last."""
         news: list[Any] = []
         try:
-            while not self._ended and self._ours.poll():
+            while not self._finished and self._ours.poll():
                 news.append(self._ours.recv())
-                self._ended = isinstance(news[-1], self._last)
+                self._finished = isinstance(news[-1], self._last)
         except (EOFError, OSError):
             self._process.join(1.0)
-            self._ended = True
+            self._finished = True
             news.append(Failed(f"{self._title} died with exit code {self._process.exitcode}"))
         return news
 

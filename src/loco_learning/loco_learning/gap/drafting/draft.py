@@ -80,12 +80,12 @@ def of_table(table: tables.Table, joints: Sequence[str]) -> str:
     """
     time, head = _time(table)
     value_columns = {name: values for name, values in table.columns.items() if name != time}
-    for name, texts in table.labels.items():
-        if len(texts) > 1 and set(texts) <= set(joints):
+    for name, values_of in table.labels.items():
+        if len(values_of) > 1 and set(values_of) <= set(joints):
             raise ParameterError(
-                f"{table.path.name}: {name} names the joint of each row ({', '.join(texts)}); "
+                f"{table.path.name}: {name} names the joint of each row ({', '.join(values_of)}); "
                 "write one row for each time, with columns for each joint such as "
-                f"position.{texts[0]}"
+                f"position.{values_of[0]}"
             )
     guesses = {name: words.guess(name, joints) for name in value_columns}
     if not any(guess.role for guess in guesses.values()):
@@ -95,7 +95,7 @@ def of_table(table: tables.Table, joints: Sequence[str]) -> str:
               if guess.role in UNREAD and not value_columns[x].any()]  # fmt: skip
     speed = any(guess.role == "dq" for x, guess in guesses.items() if x not in unread)
     turn = _counts([x for name, x in value_columns.items() if guesses[name].role in ANGLES])
-    named = {number: texts[0] for name, texts in table.labels.items() if len(texts) == 1
+    named = {number: values_of[0] for name, values_of in table.labels.items() if len(values_of) == 1
              if (number := words.number_of_name(name)) is not None}  # fmt: skip
     numbered = named or words.numbered(list(value_columns), joints)
     columns = {name: _column(table, name, guesses[name], joints, numbered, speed, turn)

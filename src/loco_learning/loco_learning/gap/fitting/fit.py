@@ -397,8 +397,8 @@ def jointly(case: Case, model: Fitted, setting: Setting) -> Fitted:
     bounds = [np.r_[x, y] for x, y in zip(reach, problem.bounds, strict=True)]
     z, slopes = np.r_[start, problem.start], np.hstack([robot, effects])
     budgets = FIRST + len(problem.start), TURNS * len(z) + EXTRA
-    cheap = partial(residual, of=coarse) if coarse else None
-    solution = guided(residual, z, bounds, JACOBIAN_STEP, budgets, slopes, model.cost, cheap)
+    fast = partial(residual, of=coarse) if coarse else None
+    solution = guided(residual, z, bounds, JACOBIAN_STEP, budgets, slopes, model.cost, fast)
     parts, overrides = problem.split(solution.z[count:])
     values = case.loose.values(DEVIATIONS * solution.z[:count])
     refit = weigh(case, parts, overrides, solution.cost, fixed=values)

@@ -165,8 +165,8 @@ class _Trial:
         self.most = 0 if initial else RUNGS
         self.x, self.done = list(initial or hypothesis.starts()[0]), True
         self.tried: list[tuple[float, tuple[float, ...]]] = []
-        self.promised: list[tuple[float, tuple[float, ...]]] = []  # predicted by a linear step
-        self.cost, self.wrong, self.alive, self.smooth = 0, 0.0, quiet, smooth
+        self.predicted: list[tuple[float, tuple[float, ...]]] = []  # predicted by a linear step
+        self.cost, self.wrong, self.is_visible, self.smooth = 0, 0.0, quiet, smooth
 
     def begin(self, k: int) -> None:
         """Start from the k-th initial coordinates, if there are that many."""
@@ -188,10 +188,10 @@ class _Trial:
             columns = columns[self.rows] if self.apart else columns * self.rows[:, None]
         if columns.shape[1] == 1:
             (at,) = self.hypothesis.strengths
-            self.promised = []  # replaced by the simulated share
+            self.predicted = []  # replaced by the simulated share
             self.levels[self.x[at]] = float(np.linalg.norm(columns)) / np.sqrt(self.energy)
         if self.rungs:
-            self.alive |= self.levels[self.x[at]] >= DEAD
+            self.is_visible |= self.levels[self.x[at]] >= DEAD
             self._note(self._share(project(columns, self.tangent)[:, 0]))
         else:
             if self._step(columns):
@@ -200,12 +200,12 @@ class _Trial:
             self.steps += 1
             if any(self.x[at] in self.levels for at in self.hypothesis.strengths):
                 # a threshold has no effect or its full effect: linear steps would alternate
-                self.done, self.promised = True, []
-            self.done |= self._settled(columns) or self.steps == TRIES
+                self.done, self.predicted = True, []
+            self.done |= self._converged(columns) or self.steps == TRIES
         if self.done or self.rungs:
             self.done = not self._climb()
 
-    def _settled(self, columns: np.ndarray) -> bool:
+    def _converged(self, columns: np.ndarray) -> bool:
         """True if the response did not change with the size: the strength has no more influence."""
         last, self.last = self.last, columns
         return last is not None and _square(columns - last) <= SAME**2 * _square(columns)
@@ -224,7 +224,7 @@ class _Trial:
             self.x = _scaled(self.hypothesis, self.x, [scale] * len(size))
             self.done = scale < 1.5 or self.x == before
             return False
-        self.alive = True
+        self.is_visible = True
         if self.smooth and loud.max() > FAR:
             for at, level in zip(self.hypothesis.strengths, loud, strict=True):
                 shrunk = self.x[at] * ALL / max(level, ALL)
@@ -241,7 +241,7 @@ class _Trial:
         if share <= 0.0 or self.x == before or np.allclose(live, 1.0, atol=0.3):
             self.done = True
         promise = share * (0.9 if len(size) > 1 else 0.5)
-        self.promised.append((float(promise), tuple(self.x)))
+        self.predicted.append((float(promise), tuple(self.x)))
         return self.smooth and share < self.idle
 
     def _climb(self) -> bool:
@@ -257,7 +257,7 @@ class _Trial:
         sizes = [x for x in self.levels if x]
         top = ALL if any(self.levels[x] < DEAD for x in sizes) else TOO_LOUD
         quiet = [x for x in sizes if self.levels[x] < top]
-        best = max((share for share, _ in (*self.tried, *self.promised)), default=0.0)
+        best = max((share for share, _ in (*self.tried, *self.predicted)), default=0.0)
         reached = any(ALL <= self.levels[x] for x in quiet)
         if not sizes or best >= self.idle or reached or not self.most:
             return False
@@ -314,8 +314,8 @@ class _Trial:
     def screened(self) -> Screened:
         """Best result over all tried sizes."""
         start = (0.0, tuple(self.hypothesis.starts()[0]))
-        share, x = max((*self.tried, *self.promised), default=start)
-        return Screened(self.hypothesis, share, x, not self.alive, self.wrong, self.cost)
+        share, x = max((*self.tried, *self.predicted), default=start)
+        return Screened(self.hypothesis, share, x, not self.is_visible, self.wrong, self.cost)
 
 
 def _quiet(residual: np.ndarray, rows: np.ndarray) -> bool:

@@ -171,8 +171,8 @@ def interval(
             energy > max(QUIET * max(np.median(energy), 1.0), LOUD_SHARE * energy.max())
         )
         runs = np.split(loud, np.flatnonzero(np.diff(loud) > 1) + 1)
-        least = LEAST_RUN * energy[loud].sum()
-        loud = np.concatenate([run for run in runs if energy[run].sum() >= least] or [loud[:0]])
+        threshold = LEAST_RUN * energy[loud].sum()
+        loud = np.concatenate([run for run in runs if energy[run].sum() >= threshold] or [loud[:0]])
         if (
             len(loud) == 0
             or (loud[-1] - loud[0]) > LONGEST_SHARE * len(energy)

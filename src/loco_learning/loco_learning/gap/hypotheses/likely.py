@@ -158,13 +158,13 @@ def _placed(
         return case.vector([hypothesis.term(at).spec], coarse=True)
 
     for _ in range(STEPS):
-        here = residual(x)
-        columns = [(residual(moved(MOVE * axis)) - here) / MOVE for axis in np.eye(len(linear))]
-        there = moved(-np.linalg.lstsq(np.stack(columns, axis=1), here, rcond=1e-6)[0])
-        after = 1.0 - _square(residual(there)) / _square(before)
+        at_start = residual(x)
+        columns = [(residual(moved(MOVE * axis)) - at_start) / MOVE for axis in np.eye(len(linear))]
+        at_solution = moved(-np.linalg.lstsq(np.stack(columns, axis=1), at_start, rcond=1e-6)[0])
+        after = 1.0 - _square(residual(at_solution)) / _square(before)
         if after < share + NOTHING:
             break
-        share, x = after, there
+        share, x = after, at_solution
     return share, x
 
 

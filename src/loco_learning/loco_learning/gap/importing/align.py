@@ -200,10 +200,10 @@ def _unused(tracks: Sequence[Track], start: float, end: float) -> list[str]:
         ("positions", [k for k in tracks if k.role == "q"]),
         ("commands", [k for k in tracks if k.role.startswith("command_")]),
     ):
-        others = {"positions": "commands", "commands": "positions"}[what]
+        opposite = {"positions": "commands", "commands": "positions"}[what]
         for time, when in (
-            (start - max(k.t[0] for k in group), f"begin {{:.2f}} s before the {others}"),
-            (min(k.t[-1] for k in group) - end, f"go on {{:.2f}} s after the {others}"),
+            (start - max(k.t[0] for k in group), f"begin {{:.2f}} s before the {opposite}"),
+            (min(k.t[-1] for k in group) - end, f"go on {{:.2f}} s after the {opposite}"),
         ):
             if time > CUTS.pause:
                 notes.append(Doubt(f"{what} {when.format(time)}: that time is not used"))
@@ -247,12 +247,12 @@ def _commands(by: dict, robot: Robot, axis: np.ndarray) -> dict[str, dict | tupl
     roles = {role for role, _ in by}
     commanded = {place for role, place in by if role.startswith("command_")}
     driven = tuple(robot.joints[i] for i in robot.driven if robot.joints[i] in commanded)
-    kinds = [kind for kind in COMMANDS if f"command_{kind}" in roles]
+    sent = [kind for kind in COMMANDS if f"command_{kind}" in roles]
     lines = {role for (role, _), track in by.items() if track.between == "line"}
     return {
         "driven": driven,
-        "command": {k: _columns(by, f"command_{k}", driven, axis, ticks.hold, 0.0) for k in kinds},
-        "ramps": tuple(kind for kind in kinds if f"command_{kind}" in lines),
+        "command": {k: _columns(by, f"command_{k}", driven, axis, ticks.hold, 0.0) for k in sent},
+        "ramps": tuple(kind for kind in sent if f"command_{kind}" in lines),
     }
 
 

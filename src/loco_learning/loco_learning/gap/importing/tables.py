@@ -466,11 +466,11 @@ def _is_number(text: str) -> bool:
 
 def _leaves(value: dict[str, Any], prefix: str = "") -> dict[str, Any]:
     """Values of nested mappings by their dotted names; lists are values."""
-    leaves: dict[str, Any] = {}
+    flattened: dict[str, Any] = {}
     for key, inside in value.items():
         name = f"{prefix}{key}"
-        leaves |= _leaves(inside, f"{name}.") if isinstance(inside, dict) else {name: inside}
-    return leaves
+        flattened |= _leaves(inside, f"{name}.") if isinstance(inside, dict) else {name: inside}
+    return flattened
 
 
 def _from_json(path: Path, value: Any, samples: str) -> Table:
@@ -514,12 +514,12 @@ def _of_runs(path: Path, rows: list[dict[str, Any]]) -> tuple[list[dict], tuple[
     if min(longest) <= len(rows):
         return rows, ()
     samples, left = [], dict[str, None]()
-    for number, (row, sizes, most) in enumerate(zip(rows, lengths, longest, strict=True)):
-        names = [name for name, size in sizes.items() if 2 * size >= most]
+    for number, (row, sizes, maximum) in enumerate(zip(rows, lengths, longest, strict=True)):
+        names = [name for name, size in sizes.items() if 2 * size >= maximum]
         _equal(f"{path.name}, run {number}", {name: row[name] for name in names})
         left |= {name: None for name in sizes if name not in names}
         values = {k: v for k, v in row.items() if k not in sizes} | {foreign.EPISODE: number}
-        samples += [values | {name: row[name][i] for name in names} for i in range(most)]
+        samples += [values | {name: row[name][i] for name in names} for i in range(maximum)]
     text = f"shorter lists of its runs are left out: {', '.join(left)}"
     return samples, (Doubt(text),) if left else ()
 

@@ -384,14 +384,14 @@ class Case:
             return self
         step, about = self.step_of(specs), self._near(specs, overrides)
         if step < 1.0:
-            full, half, quarter = (self._apart_from_bare(specs, about, k) for k in (1.0, 0.5, 0.25))
-            limits = [errors.extrapolated(*pair) for pair in ((full, half), (half, quarter))]
+            full, mid, quarter = (self._apart_from_bare(specs, about, k) for k in (1.0, 0.5, 0.25))
+            limits = [errors.extrapolated(*pair) for pair in ((full, mid), (mid, quarter))]
             if self._small([a - b for a, b in zip(*limits, strict=True)]):
-                return self._off_by(1.0, full, half)
-        full, half = (self._apart_from_bare(specs, about, k * step) for k in (1.0, 0.5))
-        if self._small([2.0 * (h - w) for w, h in zip(full, half, strict=True)]):
+                return self._off_by(1.0, full, mid)
+        full, mid = (self._apart_from_bare(specs, about, k * step) for k in (1.0, 0.5))
+        if self._small([2.0 * (h - w) for w, h in zip(full, mid, strict=True)]):
             return self
-        return self._off_by(step, full, half)
+        return self._off_by(step, full, mid)
 
     def _near(self, specs: Sequence[Mapping], overrides: Mapping[str, Any]) -> dict[str, Any]:
         """Overrides with the refitted uncertain values: the step error changes with them."""

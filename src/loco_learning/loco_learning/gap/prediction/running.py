@@ -92,14 +92,14 @@ def integral_limits(robot: Robot) -> np.ndarray:
 
     Where neither drive nor joint has a limit, it is the torque by an error of 1 rad or m for 1 s.
     """
-    found = np.zeros(len(robot.joints))
+    limits = np.zeros(len(robot.joints))
     for i, joint in enumerate(robot.joints):
         drive = robot.drives.get(joint)
         if getattr(drive, "integrates", False):
-            asked = drive.kp + drive.ki + (drive.kd + drive.speed_ki) * (1.0 + drive.position_gain)
+            gain = drive.kp + drive.ki + (drive.kd + drive.speed_ki) * (1.0 + drive.position_gain)
             limit = min(drive.integral_limit, robot.effort[i])
-            found[i] = limit if math.isfinite(limit) else asked
-    return found
+            limits[i] = limit if math.isfinite(limit) else gain
+    return limits
 
 
 def integrals(robot: Robot, commands: CommandSequence, dt: float, state: np.ndarray) -> np.ndarray:
@@ -123,8 +123,8 @@ def integrals(robot: Robot, commands: CommandSequence, dt: float, state: np.ndar
     loops.limit(np.full(len(limit), np.inf))
     loops.reset(state[0])
     loops.follow(*robot.coupled(commands.q[0], commands.dq[0]))
-    given = np.add(loops.torque(*state[:2]), commands.tau[0])
-    return np.clip(moved[0] + weight[0] @ plant.gravity - given, -limit, limit)
+    demand = np.add(loops.torque(*state[:2]), commands.tau[0])
+    return np.clip(moved[0] + weight[0] @ plant.gravity - demand, -limit, limit)
 
 
 def integrals_along(
@@ -140,15 +140,15 @@ def integrals_along(
         first: Torques at the first row, (n,).
     """
     steps, table = steps_in(dt, robot.sim.physics_rate), motion.transpose(1, 0, 2)
-    loops, found = Actuators(robot, dt / steps), np.zeros(motion[0].shape)
+    loops, result = Actuators(robot, dt / steps), np.zeros(motion[0].shape)
     loops.start(*table[0], 0, first)
     changes = np.diff(table, axis=0, append=table[-1:]) / steps
     for row, (state, change) in enumerate(zip(table, changes, strict=True)):
-        found[row] = loops.rows()[2][:, INTEGRAL]
+        result[row] = loops.rows()[2][:, INTEGRAL]
         loops.follow(*robot.coupled(commands.q[row], commands.dq[row]))
         for k in range(steps):
             loops.torque(*(state + k * change))
-    return found
+    return result
 
 
 def run(

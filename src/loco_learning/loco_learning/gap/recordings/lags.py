@@ -166,9 +166,9 @@ def _correlation(a: np.ndarray, b: np.ndarray, reach: int) -> np.ndarray:
     spread_a = sums(a * a, 0) / count - mean_a**2
     spread_b = sums(b * b, shift) / count - mean_b**2
     score = (product / count - mean_a * mean_b) / np.sqrt(np.maximum(spread_a * spread_b, 1e-300))
-    whole = (spread * count >= WHOLE * len(a) * np.var(x)
-             for spread, x in ((spread_a, a), (spread_b, b)))  # fmt: skip
-    return np.where(np.logical_and(*whole), score, -np.inf)
+    complete = (variation * count >= WHOLE * len(a) * np.var(x)
+                for variation, x in ((spread_a, a), (spread_b, b)))  # fmt: skip
+    return np.where(np.logical_and(*complete), score, -np.inf)
 
 
 def _messages(what: str, pairs: list, dt: float, clock: bool = False) -> list[str]:

@@ -336,11 +336,11 @@ def _sign(value: Values, where: str) -> int:
 def _absent(entries: Any, what: str) -> tuple[float | None, tuple[str, ...]]:
     """Number and texts that stand for missing values."""
     entries = entries if isinstance(entries, list) else [entries]
-    texts = tuple(text for text in entries if isinstance(text, str) and not _is_number(text))
-    numbers = [units.number(entry, what) for entry in entries if entry not in texts]
+    markers = tuple(text for text in entries if isinstance(text, str) and not _is_number(text))
+    numbers = [units.number(entry, what) for entry in entries if entry not in markers]
     if len(numbers) > 1:
         raise ParameterError(f"{what} may have one number, got {entries!r}")
-    return (numbers[0] if numbers else None), texts
+    return (numbers[0] if numbers else None), markers
 
 
 def _mend(value: Any, index: int) -> Mend:

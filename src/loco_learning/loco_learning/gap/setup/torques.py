@@ -315,31 +315,31 @@ def zeros(bench: Bench) -> list[Finding]:
     torques = read(bench)
     if torques is None or not np.isfinite(torques.free).all() or not torques.gravity.any():
         return []
-    found = []
+    cases = []
     for role, (i, joint) in itertools.product(torques.columns, enumerate(torques.robot.joints)):
         torque = torques.columns[role][:, i]
         before, opposite = (explained(torques.motion(i), x)[1] for x in (torque, -torque))
         limit = min(before / LIMITS.better, LIMITS.left, opposite * LIMITS.alike)
-        ways = _zeros(torques, i, torque) if limit > FINEST else {}
-        for base, (after, offset) in ways.items():
-            alone = after < ways[""][0] / LIMITS.alike if base else abs(offset) >= LIMITS.zero
-            if after <= limit and alone:
-                found.append((after / before, after, joint, role, base, offset, before, opposite))
-    if not found:
+        fits = _zeros(torques, i, torque) if limit > FINEST else {}
+        for base, (after, offset) in fits.items():
+            is_offset = after < fits[""][0] / LIMITS.alike if base else abs(offset) >= LIMITS.zero
+            if after <= limit and is_offset:
+                cases.append((after / before, after, joint, role, base, offset, before, opposite))
+    if not cases:
         return []
-    _, after, joint, role, base, offset, before, opposite = min(found)
-    says = f"motion leaves {before:.0%} of {role} of {joint} unexplained, and {after:.0%}"
+    _, after, joint, role, base, offset, before, opposite = min(cases)
+    note = f"motion leaves {before:.0%} of {role} of {joint} unexplained, and {after:.0%}"
     if base:
-        says += f" if q of {joint} is an angle from the link before {base}: write its difference " \
+        note += f" if q of {joint} is an angle from the link before {base}: write its difference " \
                 f"to q of {base} into the recording"  # fmt: skip
-        return [Finding("zero", (joint,), says)]
-    says += f" with {np.degrees(offset):+.0f} degrees on q: the zero of the log is not that of " \
+        return [Finding("zero", (joint,), note)]
+    note += f" with {np.degrees(offset):+.0f} degrees on q: the zero of the log is not that of " \
             "the URDF"  # fmt: skip
-    known = {of for record in bench.whole()[1] for of in roles_of(record, joint)}
+    roles = {of for record in bench.whole()[1] for of in roles_of(record, joint)}
     lines = tuple(Change(MAPPING, OFFSET, round(offset, 3), of, joint)
-                  for of in ("q", "command_position") if of in known)  # fmt: skip
+                  for of in ("q", "command_position") if of in roles)  # fmt: skip
     sign = ((Change(MAPPING, SIGN, -1, role, joint),),)
-    finding = Finding("zero", (joint,), says, lines, sign * (opposite < after * LIMITS.alike))
+    finding = Finding("zero", (joint,), note, lines, sign * (opposite < after * LIMITS.alike))
     return [finding, *zeros(bench.mended(lines))]
 
 
@@ -353,18 +353,18 @@ def _zeros(torques: Torques, joint: int, torque: np.ndarray) -> dict[str, tuple[
         return {}
     chain = text.above(text.child(names[joint]))[1:]  # the next first
     before = [names.index(name) for name in chain if name in names]
-    ways = {}
+    fits = {}
     for base in (None, *before[:1]):
 
         def left(offset: float, base: int | None = base) -> float:
             return explained(torques.shifted(joint, offset, base).motion(joint), torque)[1]
 
-        near = min(np.arange(-np.pi, np.pi, APART), key=left)
-        ends, fine = (near - APART, near + APART), {"xatol": 1e-3}
-        best = minimize_scalar(left, bounds=ends, method="bounded", options=fine)
+        nearest = min(np.arange(-np.pi, np.pi, APART), key=left)
+        bracket, fine = (nearest - APART, nearest + APART), {"xatol": 1e-3}
+        best = minimize_scalar(left, bounds=bracket, method="bounded", options=fine)
         offset = (float(best.x) + np.pi) % (2.0 * np.pi) - np.pi
-        ways[names[base] if base is not None else ""] = max(float(best.fun), FINEST), offset
-    return ways
+        fits[names[base] if base is not None else ""] = max(float(best.fun), FINEST), offset
+    return fits
 
 
 def reversed_torques(bench: Bench) -> list[Finding]:

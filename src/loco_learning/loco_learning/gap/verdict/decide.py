@@ -144,9 +144,9 @@ def decide(
     verdict = _overall({r.verdict for r in terms}, explains, largely)
     loud = None if explains else float(np.nanmax(evidence.by_channel(model.whole)))
     text = _summary(verdict, terms, loud, initial, model)
-    still = evidence.rms(references.held)
-    if verdict == UNKNOWN and still < initial.held.rms:
-        text += f" With signals that keep their first value instead, {still:.3g} are left."
+    persistent = evidence.rms(references.held)
+    if verdict == UNKNOWN and persistent < initial.held.rms:
+        text += f" With signals that keep their first value instead, {persistent:.3g} are left."
     return Decision(verdict, terms, explains, text)
 
 

@@ -257,8 +257,8 @@ class Judgement:
         parts = []
         for one in sorted(singles, key=lambda m: (self.search.energy(m), m.key))[:N_SIMPLER]:
             for s in self.search.beside(one, self.found.screened):
-                fewer = one.paid + len(s.hypothesis.coordinates) < model.paid
-                if fewer and s.hypothesis.effect not in (*one.names, *model.names):
+                is_smaller = one.paid + len(s.hypothesis.coordinates) < model.paid
+                if is_smaller and s.hypothesis.effect not in (*one.names, *model.names):
                     parts.append((*one.parts, (s.hypothesis, s.x)))
         return self.search.fitted(parts) if parts else []
 
