@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import contextlib
-import importlib.metadata
 import json
 import platform
 from collections import deque
@@ -15,9 +14,8 @@ from typing import Any
 
 from loco_control.exceptions import ParameterError
 from loco_control.reading import within
+from loco_learning.jobs.kept import versions
 from loco_learning.runs.experiment import Experiment
-
-from . import __version__
 
 STEP = "physics_step"  # key of a bag's metadata: physics step of the plant [s]
 LIMIT = 1000  # largest number of events that a supervisor retains
@@ -98,15 +96,9 @@ def duration_of(experiment: Experiment) -> float:
 
 def describe(experiment: Experiment, **extra: Any) -> dict[str, str]:
     """Metadata of a run for its bag: experiment, seed, versions, physics step of its plant."""
-    versions = {"loco": __version__}
-    for name in VERSIONS:
-        try:
-            versions[name] = importlib.metadata.version(name)
-        except importlib.metadata.PackageNotFoundError:
-            continue
     values = {"experiment": experiment.name, "seed": experiment.seed, "robot": experiment.robot}
     values |= {"recorded_at": datetime.now().astimezone().isoformat(timespec="seconds")}
-    values |= {"versions": json.dumps(versions), "processor": processor()}
+    values |= {"versions": json.dumps(versions(VERSIONS)), "processor": processor()}
     if hasattr(experiment, "sim_params"):  # networks of masses and springs have no engine
         values[STEP] = 1.0 / experiment.sim_params.physics_rate
     values |= extra

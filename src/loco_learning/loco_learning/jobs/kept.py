@@ -13,7 +13,7 @@ import hashlib
 import importlib.metadata
 import json
 import logging
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, TypedDict
 
@@ -39,10 +39,10 @@ class Row(TypedDict):
     result: Any
 
 
-def versions() -> dict[str, str]:
-    """Versions of this package and of those that affect the last bits of its results."""
+def versions(names: Iterable[str] = _DECIDES) -> dict[str, str]:
+    """Versions of this package and of others, by default those that affect its last bits."""
     result = {"loco": __version__}
-    for name in _DECIDES:
+    for name in names:
         try:
             result[name] = importlib.metadata.version(name)
         except importlib.metadata.PackageNotFoundError:

@@ -10,15 +10,15 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from ..drives.actuators import COMMANDS, add_springs, drive_demand, drive_torques
+from ..drives.actuators import COMMANDS
 from ..drives.servo_kernels import INTEGRAL, ROTOR, SPIN
-from ..effects.laws import OF_DRIVE, OF_JOINT, bend, budgets, copy_rows, motors, torques
+from ..effects.laws import budgets, copy_rows, joint_torques
 from ..effects.rows import GAIN, LIMIT, ON_MOTOR, SAG, SPEED_LINE
 from ..jit import kernel
 from ..multibody.dynamics import advance, workshop
 from ..world.braking import split
 
-MADE_OF = "83ad67e4d86f"  # of the called kernels, see tests/loco_sim/test_kernel_caches.py
+MADE_OF = "7047cb9c9fc7"  # of the called kernels, see tests/loco_sim/test_kernel_caches.py
 
 
 @njit(cache=True, error_model="numpy")
@@ -26,8 +26,8 @@ def run(inputs, out, memory_log):
     """Allocate the work arrays of `simulate`, and run it; arguments as there."""
     n = out.shape[2]
     workspace = (
-        (np.empty(n), np.empty(n), np.empty(n), np.empty(2 * n), np.empty((COMMANDS, n))),
-        (np.empty(n), np.empty(n), np.empty(n), np.empty((2, n)), inputs.drives.copy()),
+        (np.empty(n), np.empty(n), np.empty(n), np.empty(2 * n), np.empty(n)),
+        (np.empty((COMMANDS, n)), inputs.drives.copy(), np.empty((2, n)), np.empty(n), np.empty(n)),
         (np.empty(n), np.empty((2, n)), np.zeros(n)),
         workshop(n),
     )
@@ -46,12 +46,13 @@ def simulate(inputs, out, memory_log, workspace):
     """
     tree, order, gravity, segments, starts, targets, which, power = inputs[:8]
     drives, springs, rotors, change, brakes, pulls, stop_ratio, dt = inputs[8:]
-    plan, joint, const, memory, line = change
+    plan, _, const, memory, line = change
     brake_plan, brake_joint, brake_const = brakes[:3]
     n, steps = out.shape[2], len(which) // out.shape[0]
-    (q, dq, push, state, command), (tau, drive_tau, mean, share, rows), brake_work, work = workspace
+    (q, dq, push, state, mean), motors, brake_work, work = workspace
+    command, _, _, tau, drive_tau = motors
     budget, split_up, motor = brake_work  # motor, q, dq and push are in the tree's order
-    has_brakes, weakened = len(brake_plan) > 0, False
+    driven, has_brakes, weakened = (drives, springs, rotors), len(brake_plan) > 0, False
     for k in range(len(plan)):
         if plan[k, 0] in (GAIN, LIMIT, SPEED_LINE, SAG):
             for i in range(plan[k, 1], plan[k, 2]):
@@ -77,25 +78,12 @@ def simulate(inputs, out, memory_log, workspace):
                 mean[i] = 0.0
             if len(memory_log):
                 copy_rows(memory, memory_log[row])
+            supply = power[row]
             for _ in range(steps):
                 copy_rows(targets[which[step]], command)
                 for i in range(n):
                     state[order[i]], state[n + order[i]] = q[i], dq[i]
-                if len(plan):
-                    bend(step, plan, joint, memory, command)
-                supply, on = power[row, 0], power[row, 1]
-                if weakened:
-                    copy_rows(drives, rows)
-                    drive_demand(state, command, drives, rotors, supply, on, dt, step, share)
-                    motors(step, plan, joint, const, rows, share[0], share[1])
-                drive_torques(state, command, rows, rotors, dt, supply, on, tau, step)
-                if len(plan):
-                    torques(OF_DRIVE, step, dt, change, tau, state[:n], state[n:])
-                for i in range(n):
-                    drive_tau[i] = tau[i]
-                add_springs(state, springs, tau)
-                if len(plan):
-                    torques(OF_JOINT, step, dt, change, tau, state[:n], state[n:])
+                joint_torques(step, dt, supply, driven, change, weakened, state, motors)
                 for i in range(n):
                     mean[i] += tau[i]
                     push[i] = tau[order[i]]

@@ -14,10 +14,11 @@ from math import cos, exp, sin, tanh
 
 import numpy as np
 
+from ..drives.actuators import add_springs, drive_demand, drive_torques
 from ..drives.learned_kernels import learned_torque
 from ..drives.servo_kernels import due, motor_torque, scaled
 from ..drives.spring_kernels import spring_torque
-from ..jit import kernel
+from ..jit import inlined, kernel
 from .rows import (
     BACKLASH,
     COMPENSATION,
@@ -43,7 +44,7 @@ from .rows import (
     WAVE,
 )
 
-MADE_OF = "4f266f9152a2"  # of the called kernels, see tests/loco_sim/test_kernel_caches.py
+MADE_OF = "72876aa2cf40"  # of the called kernels, see tests/loco_sim/test_kernel_caches.py
 
 REST = 1e-5  # speed below which a joint is at rest, above numerical noise [rad/s] (taste)
 OF_DRIVE, OF_JOINT = np.array([True, False])  # of `torques`; numba compiles for each literal anew
@@ -458,3 +459,35 @@ def bend(step, plan, joint, memory, command):
             for r in range(plan[k, 1], plan[k, 2]):
                 command[0, joint[r]] -= memory[r, 2]
                 command[1, joint[r]] -= memory[r, 3]
+
+
+@inlined
+def joint_torques(step, dt, power, drives, change, weakens, state, work):
+    """Torques of drives, springs and effects on the joints in a physics step.
+
+    Args:
+        step: Physics step.
+        dt: Length of a physics step [s].
+        power: Voltage of the drives over its nominal value, and 1, or 0 while they are off, (2,).
+        drives: Drives, springs and states of drives as in `drive_torques`; the states are changed.
+        change: `rows.Laws`; memory and delay lines are changed.
+        weakens: Whether an effect changes the constants of servos.
+        state: Positions, then velocities of the joints, (2 n,).
+        work: Command, (COMMANDS, n), which springs in series change; constants of the drives and
+            duty cycles of servos, changed if `weakens`; result: torques on the joints, and torques
+            of the drives alone, (n,) each.
+    """
+    (constants, springs, rotors), (command, rows, share, tau, drive_tau) = drives, work
+    plan, joint, const, memory, _ = change
+    n, voltage, on = len(tau), power[0], power[1]
+    bend(step, plan, joint, memory, command)
+    if weakens:
+        copy_rows(constants, rows)
+        drive_demand(state, command, constants, rotors, voltage, on, dt, step, share)
+        motors(step, plan, joint, const, rows, share[0], share[1])
+    drive_torques(state, command, rows, rotors, dt, voltage, on, tau, step)
+    torques(OF_DRIVE, step, dt, change, tau, state[:n], state[n:])
+    for i in range(n):
+        drive_tau[i] = tau[i]
+    add_springs(state, springs, tau)
+    torques(OF_JOINT, step, dt, change, tau, state[:n], state[n:])

@@ -20,6 +20,24 @@ from .identity import SENSOR_SIGNALS
 ITERATIONS = 8  # fixed-point iterations of `behind`
 
 
+def unpacked(tick: int, t: float, values: np.ndarray, contact: np.ndarray) -> RobotState:
+    """State of a robot whose signals are views of a vector, in the order of `Layout`."""
+    imu = len(values) - 10
+    n = imu // 3 - len(contact)
+    return RobotState(
+        tick=tick,
+        t=t,
+        q=values[:n],
+        dq=values[n : 2 * n],
+        tau=values[2 * n : 3 * n],
+        grf=values[3 * n : imu].reshape(-1, 3),
+        orientation=values[imu : imu + 4],
+        angular_velocity=values[imu + 4 : imu + 7],
+        linear_acceleration=values[imu + 7 :],
+        contact=contact,
+    )
+
+
 class Layout:
     """Positions of the signals in the vector of a robot with n joints and m feet.
 
@@ -45,19 +63,7 @@ class Layout:
 
     def unpack(self, values: np.ndarray, state: RobotState) -> RobotState:
         """The state with its signals replaced by those of a vector."""
-        n, imu = self.n, self.size - 10
-        return RobotState(
-            tick=state.tick,
-            t=state.t,
-            q=values[:n],
-            dq=values[n : 2 * n],
-            tau=values[2 * n : 3 * n],
-            grf=values[3 * n : imu].reshape(-1, 3),
-            orientation=values[imu : imu + 4],
-            angular_velocity=values[imu + 4 : imu + 7],
-            linear_acceleration=values[imu + 7 :],
-            contact=state.contact,
-        )
+        return unpacked(state.tick, state.t, values, state.contact)
 
 
 class Readings:

@@ -11,12 +11,12 @@ from llvmlite import ir
 from numba import njit, types
 from numba.extending import intrinsic
 
-from ..drives.actuators import COMMANDS, add_springs, drive_demand, drive_torques
-from ..effects.laws import OF_DRIVE, OF_JOINT, bend, budgets, copy_rows, motors, torques
+from ..drives.actuators import COMMANDS
+from ..effects.laws import budgets, copy_rows, joint_torques
 from ..world.hinges import torque as hinge_torque
 from .sensing import BASE
 
-MADE_OF = "54c35c7cf134"  # of the kernels called here: see tests/loco_sim/test_kernel_caches.py
+MADE_OF = "8f5ad4777916"  # of the kernels called here: see tests/loco_sim/test_kernel_caches.py
 
 
 @intrinsic
@@ -50,40 +50,27 @@ def run(engine, drives, acting, commands, first, dt, memory_log, out):
             positions, velocities and mean torques of the joints, ground force on each foot
             (world frame), state of the base; torques and forces of the first row are not set.
     """
-    (table, which, power), (drive_rows, springs, rotors) = commands, drives
-    plan, joint, const, memory, line = acting.change
+    table, which, power = commands
+    memory = acting.change[3]
     brake_plan, brake_joint, brake_const = acting.brakes[:3]
     n, m, rows = len(engine.q_at), len(engine.feet), len(power)
     steps, event = len(which) // rows, 0
-    state, command = np.empty(2 * n), np.empty((COMMANDS, n))
-    tau, budget, motor, drive_tau = np.empty(n), np.zeros(n), drive_rows.copy(), np.empty(n)
-    share = np.empty((2, n))
+    state, command, budget = np.empty(2 * n), np.empty((COMMANDS, n)), np.zeros(n)
+    tau, drive_tau = np.empty(n), np.empty(n)
+    work = command, drives[0].copy(), np.empty((2, n)), tau, drive_tau
     observe(engine, out[0])
     if len(memory_log):
         copy_rows(memory, memory_log[0])
     for row in range(rows):
-        reading = out[row + 1]
+        reading, supply = out[row + 1], power[row]
         reading[2 * n : 3 * n + m] = 0.0
-        supply, on = power[row, 0], power[row, 1]
         for k in range(steps):
             at = row * steps + k
             step = first + at
             for i in range(n):
                 state[i], state[n + i] = engine.q[engine.q_at[i]], engine.dq[engine.dq_at[i]]
             copy_rows(table[which[at]], command)
-            bend(step, plan, joint, memory, command)
-            if acting.weakens:
-                copy_rows(drive_rows, motor)
-                drive_demand(state, command, drive_rows, rotors, supply, on, dt, step, share)
-                motors(step, plan, joint, const, motor, share[0], share[1])
-            drive_torques(state, command, motor, rotors, dt, supply, on, tau, step)
-            if len(plan):
-                torques(OF_DRIVE, step, dt, acting.change, tau, state[:n], state[n:])
-            for i in range(n):
-                drive_tau[i] = tau[i]
-            add_springs(state, springs, tau)
-            if len(plan):
-                torques(OF_JOINT, step, dt, acting.change, tau, state[:n], state[n:])
+            joint_torques(step, dt, supply, drives, acting.change, acting.weakens, state, work)
             for i in range(n):
                 reading[2 * n + i] += tau[i]
                 engine.tau[engine.dq_at[i]] = tau[i]
@@ -100,9 +87,7 @@ def run(engine, drives, acting, commands, first, dt, memory_log, out):
             call(engine.step, engine.model, engine.data)
             if pulled:
                 engine.wrench[:] = 0.0
-            for i in range(len(engine.dq)):
-                if abs(engine.dq[i]) > engine.fastest:
-                    engine.dq[i] = engine.fastest if engine.dq[i] > 0.0 else -engine.fastest
+            limit_speed(engine)
             if engine.warned[0] != engine.quiet:
                 return row
             if engine.mean or k == steps - 1:
@@ -119,6 +104,14 @@ def run(engine, drives, acting, commands, first, dt, memory_log, out):
         if not np.isfinite(np.sum(reading)):
             return row
     return rows
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def limit_speed(engine):
+    """Limit all velocities to the fastest, as PyBullet does."""
+    for i in range(len(engine.dq)):
+        if abs(engine.dq[i]) > engine.fastest:
+            engine.dq[i] = engine.fastest if engine.dq[i] > 0.0 else -engine.fastest
 
 
 @njit(cache=True, nogil=True)

@@ -14,6 +14,7 @@ from numba import njit
 
 from loco_control.types import GroundTruth, RobotState
 
+from ..effects.readings import unpacked
 from ..geometry import roll_pitch, rotation_matrix
 from ..robot.robot import FallLimits
 
@@ -100,20 +101,7 @@ def robot_state(tick: int, t: float, values: np.ndarray, touches: np.ndarray) ->
         values: Row of the signals.
         touches: Row of the feet that touch the ground, (m / 3,).
     """
-    imu = len(values) - BASE - 10
-    n = (imu - 3 * len(touches)) // 3
-    return RobotState(
-        tick=tick,
-        t=t,
-        q=values[:n],
-        dq=values[n : 2 * n],
-        tau=values[2 * n : 3 * n],
-        grf=values[3 * n : imu].reshape(-1, 3),
-        orientation=values[imu : imu + 4],
-        angular_velocity=values[imu + 4 : imu + 7],
-        linear_acceleration=values[imu + 7 : imu + 10],
-        contact=touches,
-    )
+    return unpacked(tick, t, values[:-BASE], touches)
 
 
 def ground_truth(tick: int, t: float, values: np.ndarray) -> GroundTruth:
