@@ -186,7 +186,7 @@ def test_a_journal_of_an_older_version_is_told_and_begun_anew(tmp_path, caplog):
     search(Memory(path, (1,), (Answer,)))
     assert len(CALLS) == 5
     (line,) = caplog.messages
-    assert "search.jsonl belongs to other work: format is 1 there, 3 here" in line
+    assert "search.jsonl belongs to other work: format is 1 there, 4 here" in line
 
 
 @pytest.mark.parametrize("row", [{"key": 3, "result": 1}, {"result": 1}, {"key": "a"}, [1]])

@@ -104,7 +104,7 @@ class Memory:
         self, path: Path, inputs: Sequence[Any], types: Sequence[type], stays: bool = False
     ):
         self._path, self._stays = path, stays
-        self._header = {"kind": "search", "format": 3, "inputs": digest(*inputs)}
+        self._header = {"kind": "search", "format": 4, "inputs": digest(*inputs)}
         self._header["versions"] = versions()
         self._journal: Journal | None = None
         self._known: dict[str, Any] = {}

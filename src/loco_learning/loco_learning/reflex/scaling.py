@@ -16,7 +16,23 @@ FEET = 4  # vertical forces; the constant is the fifth input, eq. (7.2)
 OUTPUTS = 16  # eight positions and eight velocities, eq. (7.1)
 
 
-class PlateauScaling:
+class Unscaled:
+    """Hidden inputs, targets and outputs in physical units."""
+
+    def hidden(self, line: np.ndarray, learning: bool) -> np.ndarray:
+        """Input of the hidden layer, (M inputs,), from the delay line, (M, inputs)."""
+        return line.reshape(-1)
+
+    def fit_target(self, target: np.ndarray) -> np.ndarray:
+        """Target of the outputs, [rad] and [rad/s], in the units of the readout."""
+        return target
+
+    def output(self, value: np.ndarray) -> np.ndarray:
+        """Readout in physical units, [rad] and [rad/s]."""
+        return value
+
+
+class PlateauScaling(Unscaled):
     """Forces in units of half the weight, clipped to [0, 1.5]; other values unscaled.
 
     The stance plateau of a trot is then about 1 and swing 0. Inputs must not be
@@ -43,18 +59,6 @@ class PlateauScaling:
         """Delay-line sample (inputs,) from averaged vertical forces (4,) [N]."""
         plateau(grf, self._grf_scale, self._sample)
         return self._sample
-
-    def hidden(self, line: np.ndarray, learning: bool) -> np.ndarray:
-        """Input of the hidden layer (M inputs,) from the delay line (M, inputs)."""
-        return line.reshape(-1)
-
-    def fit_target(self, target: np.ndarray) -> np.ndarray:
-        """Target (16,) in the units of the readout."""
-        return target
-
-    def output(self, value: np.ndarray) -> np.ndarray:
-        """Readout (16,) in physical units, [rad] and [rad/s]."""
-        return value
 
     def state(self) -> dict[str, np.ndarray]:
         """Arrays to save."""

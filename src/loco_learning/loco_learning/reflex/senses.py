@@ -18,7 +18,7 @@ from loco_control.exceptions import ParameterError
 
 from ..params import INPUTS, OUTPUT_JOINTS, JointLearnerParams, LearnerParams
 from .reservoir import GrfFilter
-from .scaling import SCALING
+from .scaling import SCALING, Unscaled
 
 
 class FootForces:
@@ -64,7 +64,7 @@ class FootForces:
         return cls(params)
 
 
-class BodySensors:
+class BodySensors(Unscaled):
     """Passive joints, gyro and tilt, each centred, scaled and clipped, then averaged.
 
     Args:
@@ -103,18 +103,6 @@ class BodySensors:
         """Sample of the delay line from the sensors, as in `joint_sensors.sensor_vector`."""
         scaled(felt, self._indices, self._centre, self._factor, self._limit, self._sample)
         return self.average.step(self._sample)
-
-    def hidden(self, line: np.ndarray, learning: bool) -> np.ndarray:
-        """Input of the hidden layer, (M size,), from the delay line (M, size)."""
-        return line.reshape(-1)
-
-    def fit_target(self, target: np.ndarray) -> np.ndarray:
-        """Target (2k,) in the units of the readout."""
-        return target
-
-    def output(self, value: np.ndarray) -> np.ndarray:
-        """Readout (2k,) in physical units."""
-        return value
 
     def parts(self) -> dict[str, Any]:
         """Parts with a `state()` to save, by name."""

@@ -9,6 +9,7 @@ import numpy as np
 
 from loco_control.exceptions import BagError, LocoError, ParameterError
 from loco_control.ros.messages.joint_codec import JointCodec, stamp_ns
+from loco_learning.gap.importing.align import add_note
 from loco_learning.gap.recordings.record import Doubt
 from loco_learning.gap.recordings.tracks import Track
 
@@ -178,17 +179,12 @@ def clock(
     if not np.any(stamps):
         if which == "stamp":
             raise ParameterError(f"{topic} has no stamps for clock: stamp; say clock: log")
-        _note(notes, Doubt(f"{topic} has no stamps: the times of logging were taken"))
+        add_note(notes, Doubt(f"{topic} has no stamps: the times of logging were taken"))
         return logged / 1e9
     late = 1e-6 * np.median(logged - stamps)  # [ms]
     if which in ("log", "receive"):
-        _note(notes, Doubt(f"{topic} goes by the log's clock, {late:.1f} ms after its stamps"))
+        add_note(notes, Doubt(f"{topic} goes by the log's clock, {late:.1f} ms after its stamps"))
         return logged / 1e9
     if abs(late) > 1.0:
-        _note(notes, Doubt(f"{topic} was logged {late:.1f} ms after its stamps"))
+        add_note(notes, Doubt(f"{topic} was logged {late:.1f} ms after its stamps"))
     return stamps / 1e9
-
-
-def _note(notes: list[str], text: str) -> None:
-    if text not in notes:
-        notes.append(text)

@@ -16,7 +16,7 @@ from typing import Any
 import yaml
 
 from loco_control.exceptions import BagError, GraphError, NameUnknownError, ParameterError
-from loco_control.ros.messages.convert import TICK
+from loco_control.ros.join import loco_tick
 from loco_control.ros.messages.joint_codec import stamp_ns
 from loco_control.ros.messages.joint_topics import TABLES
 from loco_control.ros.messages.topics import Topic
@@ -107,7 +107,7 @@ class _Plan:
         self._bag, self._experiment = bag, experiment
         name = node_set.table_of(nodes)
         self.table: dict[str, Topic] = TABLES[name]
-        self.key_of: Callable[[bytes], int] = _tick if name == "hyq" else stamp_ns
+        self.key_of: Callable[[bytes], int] = loco_tick if name == "hyq" else stamp_ns
         self.specs = [spec for spec in node_set.load(nodes) if spec.name != PLANT]
         names = {spec.name for spec in self.specs}
         rows = [row for row in self.table.values() if row.name not in _NOT_FED]
@@ -158,7 +158,7 @@ class _Plan:
     def _refuse_gaps(self, keys: list[int]) -> None:
         """Raise an error for missing ticks: controllers have state and need every tick."""
         ticks = keys
-        if self.key_of is not _tick:
+        if self.key_of is not loco_tick:
             ticks = [round(key * self._experiment.control_rate / 1e9) for key in keys]
         for expected, tick in enumerate(ticks):
             if tick != expected:
@@ -214,10 +214,6 @@ class _Plan:
             )
             for name, group in node_set.grouped(self.specs, layout).items()
         ]
-
-
-def _tick(data: bytes) -> int:
-    return int.from_bytes(data[TICK], "little")
 
 
 def _event_texts(message: Any) -> tuple[str, ...]:

@@ -47,7 +47,6 @@ class Screened:
         share: Explained share of the residual's energy, at most 1; negative if it increases it.
         x: Coordinates with this share.
         dead: Whether the hypothesis changes no measured signal.
-        wrong_sign: Share that it would explain with a sign that physics forbids.
         cost: Number of simulations.
         failed: Reason why the robot cannot be built with it; empty if it can.
     """
@@ -56,7 +55,6 @@ class Screened:
     share: float
     x: tuple[float, ...]
     dead: bool = False
-    wrong_sign: float = 0.0
     cost: int = 0
     failed: str = ""
 
@@ -76,39 +74,15 @@ def screen(
     tangent: np.ndarray | None = None,
     initial: Sequence[Sequence[float] | None] = (),
 ) -> list[Screened]:
-    """Screen a bundle with `try_bundle`, and one by one if the robot cannot be built with all.
-
-    A hypothesis with which the robot cannot be built explains nothing and reports the reason.
-    """
-    args = case, base, overrides, only, residual, tangent
-    try:
-        return try_bundle(batch, *args, initial)
-    except LocoError as error:
-        if len(batch.hypotheses) == 1:
-            (h,) = batch.hypotheses
-            return [Screened(h, 0.0, tuple(h.starts()[0]), dead=True, failed=str(error))]
-    starts = initial or [None] * len(batch.hypotheses)
-    trials = []
-    for h, mask, at in zip(batch.hypotheses, batch.channels, starts, strict=True):
-        trials += screen(case, Batch((h,), (mask,), batch.passes), *args[1:], (at,) if at else ())
-    return trials
-
-
-def try_bundle(
-    batch: Batch,
-    case: Case,
-    base: Sequence[Mapping],
-    overrides: Mapping[str, Any],
-    only: Sequence[int],
-    residual: np.ndarray,
-    tangent: np.ndarray | None = None,
-    initial: Sequence[Sequence[float] | None] = (),
-) -> list[Screened]:
     """Screen hypotheses in separate branches of the robot together, on top of a model.
 
+    If the robot cannot be built with all of them, they are screened one by one; a hypothesis with
+    which it cannot be built explains nothing and reports the reason. A branch of the robot whose
+    residual is mostly noise is skipped (`Bundle.passes`).
+
     Args:
-        batch: Hypotheses to add.
         case: Model and data.
+        batch: Hypotheses to add.
         base: Effects that the model has already.
         overrides: Nominal values of that model.
         only: Indices of the records.
@@ -116,23 +90,31 @@ def try_bundle(
         tangent: Orthonormal columns that the model's own parameters span, (N, k); the part of a
             response in their span is not counted.
         initial: Initial coordinates of hypotheses that were screened before.
-
-    A branch of the robot whose residual is mostly noise is skipped (`Bundle.passes`).
     """
     column = case.channel_of(only)
     starts = initial or [None] * len(batch.hypotheses)
-    masks = [None if mask is None else mask[column] for mask in batch.channels]
-    trials = [
-        _Trial(h, residual, tangent, rows, at, batch.passes, smooth(h, case))
-        for h, rows, at in zip(batch.hypotheses, masks, starts, strict=True)
-    ]
-    for k in range(max(len(trial.starts) for trial in trials)):
-        for trial in trials:
-            trial.begin(k)
-        while not all(trial.done for trial in trials):
-            columns = _responses(case, trials, base, overrides, only, residual)
+    each = list(zip(batch.hypotheses, batch.channels, starts, strict=True))
+    trials = []
+    for h, mask, at in each:
+        rows = None if mask is None else mask[column]
+        trials.append(_Trial(h, residual, tangent, rows, at, batch.passes, smooth(h, case)))
+    try:
+        for k in range(max(len(trial.starts) for trial in trials)):
             for trial in trials:
-                trial.take(columns)
+                trial.begin(k)
+            while not all(trial.done for trial in trials):
+                columns = _responses(case, trials, base, overrides, only, residual)
+                for trial in trials:
+                    trial.take(columns)
+    except LocoError as error:
+        if len(each) == 1:
+            h = each[0][0]
+            return [Screened(h, 0.0, tuple(h.starts()[0]), dead=True, failed=str(error))]
+        model, results = (base, overrides, only, residual, tangent), []
+        for h, mask, at in each:
+            single = Batch((h,), (mask,), batch.passes)
+            results += screen(case, single, *model, (at,) if at else ())
+        return results
     return [trial.screened() for trial in trials]
 
 
@@ -166,7 +148,7 @@ class _Trial:
         self.x, self.done = list(initial or hypothesis.starts()[0]), True
         self.tried: list[tuple[float, tuple[float, ...]]] = []
         self.predicted: list[tuple[float, tuple[float, ...]]] = []  # predicted by a linear step
-        self.cost, self.wrong, self.is_visible, self.smooth = 0, 0.0, quiet, smooth
+        self.cost, self.is_visible, self.smooth = 0, quiet, smooth
 
     def begin(self, k: int) -> None:
         """Start from the k-th initial coordinates, if there are that many."""
@@ -298,16 +280,12 @@ class _Trial:
 
     def _judged(self, columns: np.ndarray, factors: np.ndarray) -> tuple[float, np.ndarray]:
         """Share that a linear step explains, and its factors, 0 where the sign is forbidden."""
-        share = self._share(columns @ factors)
         forbidden = [
             f < 0.0 and self.hypothesis.coordinates[i].one_sided
             for f, i in zip(factors, self.hypothesis.strengths, strict=True)
         ]
-        if not any(forbidden):
-            return share, factors
-        self.wrong = max(self.wrong, share)
         factors = np.where(forbidden, 0.0, factors)
-        if not np.any(factors):
+        if any(forbidden) and not np.any(factors):
             return 0.0, factors
         return self._share(columns @ factors), factors
 
@@ -315,7 +293,7 @@ class _Trial:
         """Best result over all tried sizes."""
         start = (0.0, tuple(self.hypothesis.starts()[0]))
         share, x = max((*self.tried, *self.predicted), default=start)
-        return Screened(self.hypothesis, share, x, not self.is_visible, self.wrong, self.cost)
+        return Screened(self.hypothesis, share, x, not self.is_visible, self.cost)
 
 
 def _quiet(residual: np.ndarray, rows: np.ndarray) -> bool:

@@ -133,13 +133,13 @@ def _ordered(name: str, track: Track, notes: list[str]) -> Track:
     t, first, inverse = np.unique(track.t, return_index=True, return_inverse=True)
     duplicates = len(track.t) - len(t)
     if duplicates and np.array_equal(track.x[first][inverse], track.x):
-        _add_note(notes, f"{duplicates} samples repeat another, with its stamp: they were left out")
+        add_note(notes, f"{duplicates} samples repeat another, with its stamp: they were left out")
     elif duplicates:
-        _add_note(notes, Doubt(f"{duplicates} samples with the stamp of another were left out"))
+        add_note(notes, Doubt(f"{duplicates} samples with the stamp of another were left out"))
     if np.any(np.diff(track.t) < 0.0):
         late = int(np.sum(np.diff(track.t) < 0.0))
         row = int(np.argmin(np.diff(track.t)))
-        _add_note(
+        add_note(
             notes,
             Doubt(
                 f"samples were not in the order of their stamps and were sorted: {late} times, the "
@@ -162,7 +162,8 @@ def _one_sheet(tracks: list[Track]) -> list[Track]:
     return tracks
 
 
-def _add_note(notes: list[str], note: str) -> None:
+def add_note(notes: list[str], note: str) -> None:
+    """Append a note unless it is there."""
     if note not in notes:
         notes.append(note)
 
