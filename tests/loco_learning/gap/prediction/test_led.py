@@ -88,6 +88,38 @@ def test_the_way_of_comparison_follows_from_what_was_measured(model, damping, gr
     assert led.forward(model, [pushed(damping, gravity=gravity)]).how == how
 
 
+ROTARY = """<robot name="rotary"><link name="base"/>
+<link name="arm"><inertial><origin xyz="0.1 0 0"/><mass value="0.2"/>
+<inertia ixx="1e-4" iyy="2e-3" izz="2e-3" ixy="0" ixz="0" iyz="0"/></inertial></link>
+<link name="rod"><inertial><origin xyz="0 0 -0.15"/><mass value="0.1"/>
+<inertia ixx="8e-4" iyy="8e-4" izz="1e-5" ixy="0" ixz="0" iyz="0"/></inertial></link>
+<joint name="turn" type="continuous"><parent link="base"/><child link="arm"/><axis xyz="0 0 1"/>
+</joint><joint name="swing" type="continuous"><parent link="arm"/><child link="rod"/>
+<origin xyz="0.2 0 0"/><axis xyz="1 0 0"/></joint></robot>"""
+
+
+@pytest.mark.parametrize(("stiffness", "pieces"), [(0.2, False), (0.0, True)])
+def test_a_driven_joint_beside_a_passive_one_is_run_only_if_it_forgets(tmp_path, stiffness, pieces):
+    """The rod of a rotary pendulum has no drive; without a spring its arm drifts."""
+    (tmp_path / "rotary.urdf").write_text(ROTARY)
+    (tmp_path / "robot.yaml").write_text(
+        "urdf: rotary.urdf\njoints: [turn, swing]\nfixed_base: true\n"
+        "drives: {turn: {kind: torque}}\nsprings: {turn: {kind: linear, stiffness: 0}}\n"
+    )
+    values = {"dynamics.turn.damping": 0.03, "springs.turn.stiffness": stiffness}
+    model = Model(str(tmp_path), values)
+    torque = gaussian_filter1d(np.random.default_rng(5).normal(size=ROWS), 20.0)[:, None]
+    still = {"q": np.zeros((ROWS, 2))}
+    command = {"torque": 0.01 * torque / np.std(torque)}
+    told = Record("rotary", DT * np.arange(ROWS), command, ("turn",), still, ("turn", "swing"))
+    (said,) = Forward(model, [told])(step=0.25)
+    record = replace(told, signals={"q": said[:, :2]})
+    heavier = replace(model, overrides={**model.overrides, "bodies.arm.mass": 1.01})
+    chosen = led.forward(heavier, [record])
+    assert chosen.how == Forward.how
+    assert (chosen.params.window > 0.0) is pieces
+
+
 def test_noise_and_rounding_of_readings_do_not_change_it():
     record, rng = pushed(0.1), np.random.default_rng(1)
     q = record.signals["q"] + 3e-4 * rng.standard_normal(record.signals["q"].shape)

@@ -63,29 +63,32 @@ def forward(
 
     It simulates whole records if initial states decay within a record, and otherwise computes
     torques along the motion. If a controller computed the torque from the velocity, so that
-    friction would explain all of it, it simulates pieces that start in the measured state. The
-    choice depends on commands, measurements and the inertia of the given model, never on what is
-    tried, so that all models are compared alike.
+    friction would explain all of it, or if a joint has no drive, whose small torques acceleration
+    hides, it simulates pieces that start in the measured state. The choice depends on commands,
+    measurements and the inertia of the given model, never on what is tried, so that all models are
+    compared alike.
     """
     direct = Forward(model, records, params)
-    if direct.params.window or not possible(direct):
+    if direct.params.window or not told_torques(direct):
         return direct
     responses = measured(direct)
+    longest = CHANGED * min(joint.time for joint in responses)
+    window = next((w for w in WINDOWS if w <= longest), WINDOWS[-1])
+    pieces = direct.params.replace(window=window)
     if min(joint.fed_back for joint in responses) >= FED_BACK and np.min(swings(direct)) >= SWINGS:
-        longest = CHANGED * min(joint.time for joint in responses)
-        window = next((w for w in WINDOWS if w <= longest), WINDOWS[-1])
-        return Forward(model, records, direct.params.replace(window=window))
+        return Forward(model, records, pieces)
     duration = float(np.mean([record.duration for record in records]))
     if min(joint.decay for joint in responses) * duration >= DECAY_TIMES:
         return direct
+    if not possible(direct):
+        return Forward(model, records, pieces)
     return InverseDynamics(model, records, params)
 
 
 def measured(forward: Forward) -> list[Free]:
-    """Velocity feedback and memory of each joint, estimated from the records alone."""
+    """Velocity feedback and memory of each driven joint, estimated from the records alone."""
     robot, responses = forward.robot(), []
-    for joint, name in enumerate(robot.joints):
-        column = list(robot.driven).index(robot.joints.index(name))
+    for column, joint in enumerate(robot.driven):
         motions = []
         for record in forward.records:
             q = bridged(record.read_of(robot, "q")[:, [joint]])[:, 0]
@@ -98,15 +101,16 @@ def measured(forward: Forward) -> list[Free]:
 
 
 def swings(forward: Forward) -> np.ndarray:
-    """Torque that the inertia of each joint takes, over that of its drive, in all records, (n,)."""
+    """Torque that the inertia of each driven joint takes, over that of its drive, (m,)."""
     inertial, measured = [], []
     for record in forward.records:
         robot = forward.model.make_robot(record.overrides)
         q = bridged(record.read_of(robot, "q"))
         rows = np.isfinite(q).all(axis=1)
         inertia = _inertia(record, robot, np.zeros(len(robot.joints)))
-        torque = _acting(record, robot)[:, np.argsort(robot.driven)]
-        inertial.append(np.var(inertia * smoothed(q[rows], record.dt, order=2), axis=0))
+        torque = _acting(record, robot)
+        acceleration = smoothed(q[rows], record.dt, order=2)
+        inertial.append(np.var(inertia * acceleration, axis=0)[robot.driven])
         measured.append(np.var(torque[rows], axis=0))
     return np.sqrt(np.sum(inertial, axis=0) / np.maximum(np.sum(measured, axis=0), 1e-300))
 
@@ -114,9 +118,14 @@ def swings(forward: Forward) -> np.ndarray:
 def possible(forward: Forward) -> bool:
     """True if every joint is measured and commanded by torque, without quantisation."""
     robots = [forward.robot(i) for i in range(len(forward.records))]
+    return told_torques(forward) and all(len(r.driven) == len(r.joints) for r in robots)
+
+
+def told_torques(forward: Forward) -> bool:
+    """True if every joint is measured, and every joint with a drive commanded by torque."""
+    robots = [forward.robot(i) for i in range(len(forward.records))]
     return all(
         robot.fixed_base
-        and len(robot.driven) == len(robot.joints)
         and all(isinstance(drive, TorqueDrive) for drive in robot.drives.values())
         and np.isfinite(record.joints_of(robot, "q")).any(axis=0).all()
         for robot, record in zip(robots, forward.records, strict=True)
