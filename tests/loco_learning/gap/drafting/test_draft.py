@@ -52,6 +52,40 @@ def test_the_longest_name_of_a_joint_is_its():
     assert words.joint_in("kneecap_pos", ("knee",)) == ""
 
 
+@pytest.mark.parametrize(
+    ("name", "joint"),
+    [
+        ("hip_pos", "left_hip_flexion"), ("knee angle [deg]", "left_knee_flexion"),
+        ("left_pos", ""), ("flexion_pos", ""), ("x_enc", "x_axis"), ("pan.pos", "pan_joint"),
+        ("pan_tilt_pos", ""),
+    ],
+)  # fmt: skip
+def test_a_word_of_one_joint_alone_names_it(name, joint):
+    joints = ("left_hip_flexion", "left_knee_flexion", "x_axis", "pan_joint", "tilt_joint")
+    assert words.joint_in(name, joints) == joint
+
+
+def test_measured_without_a_quantity_is_the_position_where_there_is_no_other():
+    names = ["t", "pan_meas", "pan_ref", "tilt[deg]", "tilt_ref"]
+    text, rules = drafted(names, ("pan_joint", "tilt_joint"))
+    assert [(c.role, c.place, c.unit) for c in rules.columns if c.role == "q"] == [
+        ("q", "pan_joint", ""), ("q", "tilt_joint", "deg")
+    ]  # fmt: skip
+    _, rules = drafted(["t", "pan_meas", "pan_pos", "pan_ref"], ("pan_joint", "tilt_joint"))
+    assert [c.column for c in rules.columns] == ["pan_pos", "pan_ref"]
+
+
+def test_names_of_links_go_by_the_order_of_the_joints_and_say_so():
+    names = ["t", "cart_pos_mm", "pole_angle_deg", "cart_setpoint_mm"]
+    text, rules = drafted(names, ("rail", "hinge"))
+    assert [(c.role, c.place) for c in rules.columns] == [
+        ("q", "rail"), ("q", "hinge"), ("command_position", "rail")
+    ]  # fmt: skip
+    assert text.count("in this order?") == 3
+    with pytest.raises(ParameterError, match="no joint of the robot"):
+        drafted([*names, "wagon_pos"], ("rail", "hinge"))
+
+
 def test_the_column_that_names_the_only_joint_is_its():
     text, rules = drafted(["t", "current", "knee_angle", "knee_torque", "motor_angle"], ["knee"])
     assert {c.column: c.role for c in rules.columns} == {
@@ -169,6 +203,7 @@ def test_a_table_that_says_nothing_is_one_line():
         ("knee_vel_deg", "dq", "deg/s"),
         ("knee speed [rpm]", "dq", "rpm"),
         ("knee torque [mNm]", "tau", "mN m"),
+        ("knee torque [Nmm]", "tau", "mN m"),
         ("knee_tau_Nm", "tau", "N m"),
         ("knee q [°]", "q", "deg"),
         ("knee_current [mA]", "tau", "mA"),

@@ -88,9 +88,11 @@ def of_table(table: tables.Table, joints: Sequence[str]) -> str:
                 f"position.{values_of[0]}"
             )
     guesses = {name: words.guess(name, joints) for name in value_columns}
-    if not any(guess.role for guess in guesses.values()):
-        guesses |= {name: words.Guess("q", "", name, "the name of a joint alone: its position?")
-                    for name in value_columns if name in joints}  # fmt: skip
+    measured = {guess.joint for guess in guesses.values() if guess.role == "q"}
+    guesses |= {name: words.position(name, guess.joint) for name, guess in guesses.items()
+                if not guess.role and guess.joint not in measured
+                and words.says_joint_alone(name, guess.joint)}  # fmt: skip
+    guesses |= _in_order(guesses, joints)
     unread = [x for x, guess in guesses.items()
               if guess.role in UNREAD and not value_columns[x].any()]  # fmt: skip
     speed = any(guess.role == "dq" for x, guess in guesses.items() if x not in unread)
@@ -104,6 +106,28 @@ def of_table(table: tables.Table, joints: Sequence[str]) -> str:
     strangers = [x for x, drafted in columns.items() if not drafted and guesses[x].role]
     names = [*value_columns, *(name for name in table.texts if name != time)]
     return written(lines, names, joints, table.path.name, head, strangers)
+
+
+def _in_order(guesses: Mapping[str, words.Guess], joints: Sequence[str]) -> dict[str, words.Guess]:
+    """Guesses for names of which none names a joint: their subjects in the order of the joints.
+
+    An example is a table with cart_pos and pole_angle of a robot with the joints rail and hinge.
+    Empty unless there are as many subjects as joints, each with a position.
+    """
+    telling = {name: guess for name, guess in guesses.items() if guess.role}
+    if any(guess.joint or any(map(str.isdigit, words.split_name(name)))
+           for name, guess in telling.items()):  # fmt: skip
+        return {}
+    subjects = list(dict.fromkeys(words.subject(name) for name in telling))
+    positions = {words.subject(name) for name, guess in telling.items() if guess.role == "q"}
+    if len(joints) < 2 or len(subjects) != len(joints) or positions != set(subjects):
+        return {}
+    names = dict(zip(subjects, joints, strict=True))
+    return {
+        name: replace(guess, joint=names[words.subject(name)],
+                      why=f"{guess.why}, by the order of the joints: in this order?")
+        for name, guess in telling.items()
+    }  # fmt: skip
 
 
 def written(

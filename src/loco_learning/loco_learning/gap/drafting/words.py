@@ -22,7 +22,8 @@ MEASURED = frozenset(
     "meas measured actual act state states feedback fbk fb present observation ist istwert".split()
 )
 QUANTITIES = {
-    "position": "pos position positions angle angles q qpos theta phi encoder enc winkel",
+    "position": "pos position positions angle angles q qpos encoder enc winkel "
+    "theta phi alpha beta gamma psi",
     "velocity": "vel velocity velocities dq qd qdot qvel speed speeds omega drehzahl",
     "torque": "tau torque torques effort efforts trq force forces load moment moments",
     "current": "current currents cur amps strom",
@@ -44,6 +45,7 @@ NOISE = frozenset(
 )
 LETTERS = frozenset("a j m".split())  # of axis, joint and motor, before a number
 _OF_WORD = {token: kind for kind, text in QUANTITIES.items() for token in text.split()}
+VOCABULARY = frozenset({*COMMANDS, *SETS, *INPUTS, *MEASURED, *UNITS, *NOISE, *_OF_WORD, "s", "m"})
 _SPLIT = re.compile(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+|\d+")
 
 
@@ -77,10 +79,9 @@ def guess(name: str, joints: Sequence[str] = ()) -> Guess:
         joints: Joint names of the robot; if empty, unexplained words of the name are the joint.
     """
     joint = joint_in(name, joints)
-    joint_tokens = split_name(joint) if joint else []
+    joint_tokens = [w for w in split_name(joint) if w in split_name(name)]
     rest = _without(split_name(name), joint_tokens) or split_name(name)
-    vocabulary = {*COMMANDS, *SETS, *INPUTS, *MEASURED, *UNITS, *NOISE, *_OF_WORD, "s", "m"}
-    unknown = [token for token in rest if token not in vocabulary]
+    unknown = [token for token in rest if token not in VOCABULARY]
     of = next((w for w in reversed(rest) if w in _OF_WORD), "")
     legal = COMMANDS
     if of or not [token for token in unknown if not token.isdigit()] or not (joint or joints):
@@ -95,6 +96,11 @@ def guess(name: str, joints: Sequence[str] = ()) -> Guess:
     if not joint and not joints:
         joint = "_".join(unknown)
     return Guess(role, unit, joint, " and ".join(f"“{w}”" for w in (commanded, of) if w))
+
+
+def position(name: str, joint: str) -> Guess:
+    """Guess for a column that says a joint and no quantity."""
+    return Guess("q", _unit(name, "q"), joint, "the name of a joint alone: its position?")
 
 
 def _unit(name: str, role: str) -> str:
@@ -115,10 +121,30 @@ def _unit(name: str, role: str) -> str:
 
 
 def joint_in(name: str, joints: Sequence[str]) -> str:
-    """Joint whose words are all in a name, the longest of several; empty if there is none."""
+    """Joint whose words are all in a name, the longest of several.
+
+    Otherwise the only joint that has a word of the name that no other joint has: hip_flexion for
+    hip_pos, x_axis for x_enc. Empty if there is none.
+    """
     tokens = split_name(name)
     fitting = [j for j in joints if split_name(j) and _contains(tokens, split_name(j))]
-    return max(fitting, key=lambda joint: len(split_name(joint)), default="")
+    if fitting:
+        return max(fitting, key=lambda joint: len(split_name(joint)))
+    words = [{w for w in split_name(j) if not w.isdigit()} - VOCABULARY for j in joints]
+    common = {w for some, other in itertools.combinations(words, 2) for w in some & other}
+    likely = [j for j, own in zip(joints, words, strict=True) if (own - common) & set(tokens)]
+    return likely[0] if len(likely) == 1 else ""
+
+
+def says_joint_alone(name: str, joint: str) -> bool:
+    """True if a name has no other words than those of its joint, a unit, and "measured"."""
+    explained = {*MEASURED, *UNITS, *NOISE, *split_name(joint)}
+    return bool(joint) and explained.issuperset(split_name(name))
+
+
+def subject(name: str) -> tuple[str, ...]:
+    """Words of a name that say neither a role nor a unit: pole for pole_angle_deg."""
+    return tuple(w for w in split_name(name) if w not in VOCABULARY)
 
 
 def number(name: str, joints: Sequence[str] = ()) -> int | None:

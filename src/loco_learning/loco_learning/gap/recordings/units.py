@@ -29,6 +29,7 @@ UNITS: dict[str, tuple[str, float]] = {
     "m": ("length", 1.0),
     "cm": ("length", 1e-2),
     "mm": ("length", 1e-3),
+    "um": ("length", 1e-6),
     "rad/s": ("turning rate", 1.0),
     "mrad/s": ("turning rate", 1e-3),
     "deg/s": ("turning rate", TURN / 360.0),
@@ -60,7 +61,9 @@ _SPELLINGS = {
     "°": "deg", "°/s": "deg/s", "degree": "deg", "degrees": "deg", "radian": "rad",
     "radians": "rad", "µs": "us", "μs": "us", "sec": "s", "m/s²": "m/s^2", "m/s2": "m/s^2",
     "-": "1", "counts": "count", "ticks": "count", "bool": "1", "ratio": "1", "": "1",
-    "volt": "V", "volts": "V", "ampere": "A", "amps": "A", "kg": "kgf", "kg·cm": "kg cm", "n·cm": "N cm",
+    "volt": "V", "volts": "V", "ampere": "A", "amps": "A", "kg": "kgf", "kg·cm": "kg cm",
+    "n·cm": "N cm", "ncm": "N cm", "nmm": "mN m", "n·mm": "mN m", "kgcm": "kg cm",
+    "µm": "um", "μm": "um", "deg/sec": "deg/s", "rad/sec": "rad/s",
 }  # fmt: skip
 _OPERATORS = {
     ast.Add: operator.add,
