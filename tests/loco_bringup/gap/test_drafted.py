@@ -63,6 +63,14 @@ def table(path, **columns):
     np.savetxt(path, rows, delimiter=",", header=header, comments="", fmt="%.6f")
 
 
+def test_a_recording_that_its_draft_does_not_describe_names_the_draft(search):
+    table("a.csv", time=T, pivot_speed=np.sin(T), pivot_cmd=np.sin(T))
+    code, said, _ = search("a.csv")
+    assert code == 2
+    assert "q (measured positions) is missing" in said
+    assert "drafts/mapping.yaml is a draft: correct it" in said
+
+
 def test_a_table_and_a_urdf_alone_get_an_answer_that_says_what_was_guessed(search, tmp_path):
     wave = 40.0 * np.sin(3.0 * T)
     table("my.csv", pivot_pos=wave, pivot_cmd=wave)

@@ -26,6 +26,15 @@ def test_a_ripple_is_found_at_its_count(count):
     assert found[0] == pytest.approx(count, abs=0.3)
 
 
+def test_a_ripple_is_found_in_the_channel_that_shows_it():
+    """A controller answers a ripple by a torque that lags by a speed-dependent phase."""
+    rng = np.random.default_rng(2)
+    q = turned(rng)
+    answer = 100.0 * rng.normal(size=len(q))
+    moved = 0.7 * np.cos(16.3 * q) + rng.normal(size=len(q))
+    assert ripples([q], [np.column_stack([answer, moved])])[0] == pytest.approx(16.3, abs=0.3)
+
+
 @pytest.mark.parametrize("seed", range(4))
 def test_noise_has_no_count(seed):
     rng = np.random.default_rng(seed)

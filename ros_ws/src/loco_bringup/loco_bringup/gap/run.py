@@ -214,8 +214,12 @@ def run(job: Job, folder: Path, report: Report | None = None) -> dict[str, Any]:
     report = report or (lambda share, stage, best: None)
     report(0.0, "reading", "")
     robot, mapping, notes = drafted(job.robot, job.bags, job.mapping, folder)
+    hint = f"; {mapping} is a draft: correct it" if mapping and not job.mapping else ""
     job = replace(job, robot=robot, mapping=mapping)
-    model, fit, held = read_records(job)
+    try:
+        model, fit, held = read_records(job)
+    except ParameterError as error:
+        raise ParameterError(f"{error}{hint}") from None
     fit[0] = replace(fit[0], notes=(*notes, *fit[0].notes))
 
     latest: list[Curves | None] = []

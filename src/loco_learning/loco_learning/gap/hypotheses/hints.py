@@ -62,9 +62,10 @@ def find(case: Case, robot: Robot) -> Motion:
         columns = [c for c, channel in enumerate(channels) if channel.name == joint]
         turns = [case.records[i].joints_of(robot, "q")[:, j] for i in fitted]
         torques = [c for c in columns if channels[c].signal == "tau"]
+        moved = [c for c in columns if c not in torques]
         pairs = zip(residuals, dts, strict=True)
-        bends = [r[:, torques] if torques else bend(r[:, columns], dt) for r, dt in pairs]
-        waves.append(ripples(turns, bends) if columns else ())
+        bends = [np.hstack([r[:, torques], bend(r[:, moved], dt)]) for r, dt in pairs]
+        waves.append(ripples(turns, bends))
     return Motion(low, high, distinct([each for each in intervals if each]), fast, tuple(waves))
 
 
@@ -102,16 +103,18 @@ def ripples(angles: Sequence[np.ndarray], residuals: Sequence[np.ndarray]) -> tu
 
     Args:
         angles: Angle of the joint [rad], (T,) per record.
-        residuals: Residuals of the channels of the joint, (T, C) per record.
+        residuals: Residuals of the channels of the joint, (T, C) per record: torques, and second
+            differences of the motion. A controller that sees the ripple answers it in its torque.
 
     Returns:
-        Counts, at most `MOST_RIPPLES`; empty if the angle is not known or no count stands out.
+        Counts, at most `MOST_RIPPLES`; empty if the angle is not known or no count stands out in
+        any channel.
     """
     q = np.concatenate(angles)
     r = np.concatenate(residuals)
     valid = np.isfinite(q) & np.isfinite(r).all(axis=1)
     q, r = q[valid], r[valid]
-    if len(q) < 2 or not np.ptp(q) > 0.0:
+    if r.size < 2 or not np.ptp(q) > 0.0:
         return ()
     stride = max(1, len(q) // MOST_ROWS)
     q, r = q[::stride], r[::stride] - r[::stride].mean(axis=0)
@@ -120,9 +123,10 @@ def ripples(angles: Sequence[np.ndarray], residuals: Sequence[np.ndarray]) -> tu
     counts = np.arange(first, min(COUNTS[1], first + MOST_COUNTS * spacing), spacing)
     if len(counts) < 3:
         return ()
-    loud = np.linalg.norm([np.exp(-1j * c * q) @ r for c in counts], axis=1)
+    loud = np.abs([np.exp(-1j * c * q) @ r for c in counts])
+    loud = np.max(loud / np.maximum(np.median(loud, axis=0), 1e-300), axis=1)
     inner = (loud[1:-1] >= loud[:-2]) & (loud[1:-1] >= loud[2:])
-    peaks = 1 + np.flatnonzero(inner & (loud[1:-1] > PEAK * np.median(loud)))
+    peaks = 1 + np.flatnonzero(inner & (loud[1:-1] > PEAK))
     best = peaks[np.argsort(-loud[peaks], kind="stable")][:MOST_RIPPLES]
     return tuple(float(c) for c in counts[best])
 
