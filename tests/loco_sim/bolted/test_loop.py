@@ -244,3 +244,14 @@ def test_gains_change_with_the_legs_that_swing():
     run = Bolted(hyq).run(*told, swinging=swinging)
     same(run, with_engine(hyq, [], told, stance=stance))
     assert np.max(np.abs(run.tau - Bolted(hyq).run(*told).tau)) > 1.0
+
+
+@pytest.mark.parametrize("rate", [400.0, 4000.0, 250.0])
+def test_without_a_period_it_is_the_closest_one_to_the_control_period_that_fits(rate):
+    """Drives run at rates that are no divisors of that of the physics."""
+    plant = replace(loaded("pendulum"), control_rate=rate)
+    steps = Bolted(plant).dt * plant.sim.physics_rate
+    assert steps == pytest.approx(round(steps)) and steps >= 1.0
+    assert abs(steps - plant.sim.physics_rate / rate) <= 1.0
+    with pytest.raises(ParameterError, match="whole multiple of the physics step"):
+        Bolted(plant, dt=0.4 / plant.sim.physics_rate)

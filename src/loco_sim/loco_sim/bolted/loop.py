@@ -77,15 +77,20 @@ class Bolted:
     ):
         """Prepare a simulation; arguments as in `Simulation`.
 
+        Without `dt` it is the control period, or the closest period that fits the physics.
+
         Raises:
             ParameterError: The robot or an effect needs the engine: see `needs_engine`; or
-                the period does not fit the physics.
+                `dt` does not fit the physics.
         """
         if reason := needs_engine(robot, effects):
             raise ParameterError(f"robot {robot.name!r} needs the engine: {reason}")
         self.robot, self._effects, self._seed = robot, [*effects, *inherent(robot)], seed
+        rate = robot.sim.physics_rate
         self.dt = 1.0 / robot.control_rate if dt is None else dt
-        self._steps = periods(self.dt, robot.sim.physics_rate)
+        if dt is None and abs(self.dt * rate - round(self.dt * rate)) > 1e-6:
+            self.dt = max(1, round(self.dt * rate)) / rate
+        self._steps = periods(self.dt, rate)
         self._configure()
         count = self._substeps()
         if count > 1:

@@ -43,6 +43,11 @@ def test_a_command_between_the_rows_of_a_log_is_drawn_as_a_curve(signals, comman
     assert any(WORDS in note and isinstance(note, Doubt) for note in made.notes)
 
 
+def test_commands_faster_than_the_physics_are_drawn_once_per_step(signals, commanded):
+    made = record(signals, replace(commanded, control_rate=8000.0), 5)
+    assert made.dt == pytest.approx(1.0 / commanded.sim.physics_rate)
+
+
 CURVES = {
     "smooth": lambda t: 0.9 * np.sin(4.0 * t) + 0.4 * np.sin(11.0 * t),
     "corners": lambda t: np.abs((1.3 * t) % 2.0 - 1.0),

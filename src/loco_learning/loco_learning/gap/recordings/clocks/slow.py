@@ -40,8 +40,11 @@ def undersampled(tracks: Sequence[Track], rate: float, robot: Robot) -> list[Tra
 
 
 def multiple(rate: float, robot: Robot) -> float:
-    """Smallest multiple of the rate of a log that is not below the rate of the commands [Hz]."""
-    return rate * math.ceil(robot.control_rate / rate - 0.01)
+    """Smallest multiple of the rate of a log that is not below the rate of the commands [Hz].
+
+    Commands that are given faster than the physics steps change once per step.
+    """
+    return rate * math.ceil(min(robot.control_rate, robot.sim.physics_rate) / rate - 0.01)
 
 
 def commands(
