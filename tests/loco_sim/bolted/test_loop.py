@@ -255,3 +255,13 @@ def test_without_a_period_it_is_the_closest_one_to_the_control_period_that_fits(
     assert abs(steps - plant.sim.physics_rate / rate) <= 1.0
     with pytest.raises(ParameterError, match="whole multiple of the physics step"):
         Bolted(plant, dt=0.4 / plant.sim.physics_rate)
+
+
+def test_without_a_gear_stiffness_the_rotor_turns_with_the_joint():
+    """A servo of any size: its gear is not that of a small one."""
+    gear = {"drives.*.gear_stiffness": 0.0}
+    plain = {**gear, "drives.*.rotor_inertia": 0.0, "dynamics.*.armature": 0.003}
+    both = [replace(robot.load("servo_pendulum", v), sensors=None) for v in (gear, plain)]
+    rigid, rotor = (Bolted(one).run(*commands(one, 200)).q for one in both)
+    assert np.ptp(rigid) > 0.1
+    np.testing.assert_array_equal(rigid, rotor)

@@ -7,7 +7,7 @@ import pytest
 from loco_sim.drives.servo_kernels import rounded, servo_torque, share
 from loco_sim.robot.servo import ServoParams
 
-RX24F = ServoParams(resolution=0.00506, rotor_inertia=0.003)
+RX24F = ServoParams(resolution=0.00506, rotor_inertia=0.003, gear_stiffness=30.0)
 EFFORT, DT = 2.6, 1e-3
 
 

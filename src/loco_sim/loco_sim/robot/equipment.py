@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import Any
@@ -19,7 +19,7 @@ from loco_control.params import Params, from_dict, parameter
 
 from ..geometry import added
 from .description import Description
-from .servo import CONTINUOUS, DRIVES, DriveParams
+from .servo import CONTINUOUS, DRIVES, DriveParams, ServoParams
 from .spring import SpringParams
 
 BY_JOINT, BY_LINK = ("drives", "springs", "dynamics"), ("contacts", "masses", "bodies")
@@ -157,6 +157,19 @@ def drives(section: Mapping[str, dict], period: float) -> dict[str, DriveParams]
             rest = {"period": period, **rest}
         by_joint[joint] = from_dict(DRIVES[kind], rest, f"drives.{joint}")
     return by_joint
+
+
+def rigid_gears(
+    by_joint: Mapping[str, DriveParams],
+) -> tuple[dict[str, DriveParams], dict[str, float]]:
+    """Drives without the rotors behind rigid gears, and the inertia of each of these [kg·m²]."""
+    rotors = {
+        joint: drive.rotor_inertia
+        for joint, drive in by_joint.items()
+        if isinstance(drive, ServoParams) and drive.gear_stiffness == 0.0
+    }
+    rest = {joint: replace(by_joint[joint], rotor_inertia=0.0) for joint in rotors}
+    return {**by_joint, **rest}, rotors
 
 
 def parts(section: Mapping[str, dict], kind: type[Params], where: str) -> dict[str, Any]:

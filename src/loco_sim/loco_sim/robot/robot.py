@@ -321,7 +321,9 @@ def _fit(
     sensors = from_dict(SensorParams, values["sensors"], "sensors")
     share = description.mass() / max(1, len(feet))
     height, rate = _height_and_rate(values)
-    drives = equipment.drives(values["drives"], 1.0 / rate)
+    drives, rotors = equipment.rigid_gears(equipment.drives(values["drives"], 1.0 / rate))
+    for joint, params in dynamics.items():
+        rotors[joint] = rotors.get(joint, 0.0) + params.armature
     bolted = bool(values.get("fixed_base", False))
     if height is None and bolted and not feet:
         height = base_height(description, folder)
@@ -340,7 +342,7 @@ def _fit(
         "foot_of": _foot_of(description, joints, feet),
         "drives": drives,
         "springs": springs,
-        "armature": {joint: d.armature for joint, d in dynamics.items() if d.armature > 0.0},
+        "armature": {joint: inertia for joint, inertia in rotors.items() if inertia > 0.0},
         "joint_friction": {joint: value for joint, value in frictions.items() if value > 0.0},
         "friction": {link: contact.friction for link, contact in contacts.items()},
         "mass": description.mass(),

@@ -10,7 +10,8 @@ A servo is a geared DC motor with its own position loop:
 
 with q and q_d rounded to the resolution of its encoder. Behind a gear of 193 : 1 the
 rotor inertia is far larger than that of a leg of 40 g, so a model without it (`rotor_inertia` 0,
-then tau is tau_m with w = dq) is less accurate and needs ten times finer steps.
+then tau is tau_m with w = dq) is less accurate and needs ten times finer steps. With
+`gear_stiffness` 0 the gear is rigid: the joint has the inertia of the rotor, and tau is tau_m.
 
 An impedance is a cascade of a position and a velocity loop with an integrator, of which most
 gains are 0:
@@ -90,7 +91,7 @@ class ServoParams(Sampled):
         0.0, "inertia of rotor and gear at the joint", "kg·m²", low=0.0, high=1e3
     )
     gear_stiffness: float = parameter(
-        30.0, "stiffness of gear and horn, used with a rotor", "N·m/rad", low=0.0
+        0.0, "stiffness of gear and horn, used with a rotor; 0 is rigid", "N·m/rad", low=0.0
     )
     gear_damping: float = parameter(
         0.05, "damping of gear and horn, used with a rotor", "N·m·s/rad", low=0.0
