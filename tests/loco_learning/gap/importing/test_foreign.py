@@ -13,6 +13,7 @@ from collections import OrderedDict
 
 import numpy as np
 import pytest
+import scipy.io
 
 from loco_control.exceptions import LocoError
 from loco_learning.gap.importing import importing, tables
@@ -223,7 +224,9 @@ def test_lists_that_differ_are_refused(tmp_path, rows):
         tables.read(parquet_of(tmp_path / "a.parquet", q=rows))
 
 
-@pytest.mark.parametrize("info", ["[]", "3", '{"features": [1]}', '{"features": {"a": 1}}', "[" * 99])
+@pytest.mark.parametrize(
+    "info", ["[]", "3", '{"features": [1]}', '{"features": {"a": 1}}', "[" * 99]
+)
 def test_a_description_that_is_none_is_one_line(tmp_path, info):
     path = parquet_of(tmp_path / "a.parquet", t=np.arange(3.0))
     (tmp_path / "meta").mkdir()
@@ -340,3 +343,35 @@ records:
     first, second = load(tmp_path, text)
     check(first)
     assert (second.role, second.name) == ("held-out", "episode 1")
+
+
+ARRAYS = {"t": T, "knee": FOUND[:, 0], "both": FOUND[:, :2], "gain": 0.4, "start": np.zeros(3)}
+
+
+@pytest.mark.parametrize(
+    ("name", "write"),
+    [
+        ("a.npz", lambda file: np.savez_compressed(file, **ARRAYS)),
+        ("a.mat", lambda file: scipy.io.savemat(file, ARRAYS, do_compression=True)),
+        ("b.mat", lambda file: scipy.io.savemat(file, {"log": ARRAYS})),
+    ],
+)
+def test_arrays_of_one_length_are_columns(tmp_path, name, write):
+    write(tmp_path / name)
+    table = tables.read(tmp_path / name)
+    at = "log." if name.startswith("b") else ""
+    assert sorted(table.columns) == sorted(f"{at}{x}" for x in ("t", "knee", "both[0]", "both[1]"))
+    np.testing.assert_array_equal(table.columns[f"{at}both[1]"], FOUND[:, 1])
+
+
+def test_a_broken_or_too_large_file_of_arrays_is_one_line(tmp_path):
+    scipy.io.savemat(tmp_path / "a.mat", {"x": np.zeros(10_000_000)}, do_compression=True)
+    scipy.io.savemat(tmp_path / "b.mat", {"x": "no number"})
+    scipy.io.savemat(tmp_path / "c.mat", ARRAYS)
+    (tmp_path / "c.mat").write_bytes((tmp_path / "c.mat").read_bytes()[:999])
+    (tmp_path / "d.mat").write_bytes(b"MATLAB 7.3 MAT-file" + bytes(200))
+    np.savez(tmp_path / "e.npz", np.array([{}]))
+    for name in ("a.mat", "b.mat", "c.mat", "d.mat", "e.npz"):
+        with pytest.raises(LocoError, match=name) as error:
+            tables.read(tmp_path / name)
+        assert "\n" not in str(error.value)

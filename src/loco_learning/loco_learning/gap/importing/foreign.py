@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Binary tables of other tools: ``.pt`` of torch (PACE) and ``.parquet`` (LeRobot).
+"""Binary tables: ``.pt`` of torch (PACE), ``.parquet`` (LeRobot), ``.npz`` of NumPy, ``.mat``.
 
 A ``.pt`` is a zip of tensors with a pickle that describes them. It is not unpickled: the few
 commands that describe tensors are interpreted here, each once and without torch; any other command
@@ -8,6 +8,7 @@ is an error. A ``.parquet`` is read by pyarrow in a process with bounded memory 
 
 from __future__ import annotations
 
+import collections
 import contextlib
 import functools
 import importlib
@@ -15,6 +16,8 @@ import importlib.util
 import io
 import pickletools
 import resource
+import struct
+import zlib
 from collections.abc import Iterable
 from multiprocessing.connection import Connection
 from pathlib import Path
@@ -37,6 +40,7 @@ STORAGES = {
 INFO = Path("meta") / "info.json"
 EPISODE = "episode_index"
 
+_COMPRESSED = 15  # type of a compressed variable in a .mat
 _TUPLES = {"EMPTY_TUPLE": 0, "TUPLE1": 1, "TUPLE2": 2, "TUPLE3": 3}
 _VALUES = {
     "BININT", "BININT1", "BININT2", "LONG1", "BINFLOAT", "BINUNICODE", "SHORT_BINUNICODE",
@@ -209,6 +213,66 @@ def expand(path: Path, columns: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
         else:
             result |= {f"{name}[{i}]": values[:, i].astype(float) for i in range(values.shape[1])}
     return result
+
+
+def numpy_columns(path: Path) -> dict[str, np.ndarray]:
+    """Columns of the arrays that ``numpy.savez`` wrote.
+
+    Raises:
+        ParameterError: The file has no arrays of numbers of one length.
+    """
+    files = packed.unzip(read_bytes(path, "recording"))
+    return _series(path, {k.removesuffix(".npy"): packed.array(v) for k, v in files.items()})
+
+
+def matlab_columns(path: Path) -> dict[str, np.ndarray]:
+    """Columns of the arrays of MATLAB's ``save``, up to version 7; fields of a struct by dots.
+
+    Raises:
+        ParameterError: The file is of version 7.3, or has no arrays of numbers of one length.
+    """
+    data = read_bytes(path, "recording")
+    if b"MATLAB 7.3" in data[:128]:
+        raise ParameterError(f"{path.name} is of version 7.3; save it with -v7, or as a table")
+    _check_packed(data)
+    try:
+        fields = importlib.import_module("scipy.io").loadmat(io.BytesIO(data), simplify_cells=True)
+    except Exception as error:  # noqa: BLE001  (malformed bytes raise any type)
+        reason = " ".join(str(error).split())[:120] or type(error).__name__
+        raise ParameterError(f"{path.name} is no file that MATLAB saved: {reason}") from None
+    return _series(path, dict(_leaves(fields)))
+
+
+def _check_packed(data: bytes) -> None:
+    """Raise an error if the compressed variables of a ``.mat`` are too large unpacked."""
+    order, at, filled = "<" if data[126:128] == b"IM" else ">", 128, 0
+    while data.startswith(b"MATLAB") and at + 8 <= len(data):
+        kind, size = struct.unpack(f"{order}II", data[at : at + 8])
+        if kind == _COMPRESSED:
+            part, most = data[at + 8 : at + 8 + size], packed.limit(len(data)) - filled + 1
+            filled += len(zlib.decompressobj().decompress(part, most))
+            packed.check_room(filled, len(data))
+        at += 8 + size
+
+
+def _leaves(fields: dict[str, Any], at: str = "") -> Iterable[tuple[str, np.ndarray]]:
+    """Arrays in nested fields, with their path."""
+    for name, value in fields.items():
+        if isinstance(value, dict):
+            yield from _leaves(value, f"{at}{name}.")
+        elif isinstance(value, np.ndarray):
+            yield f"{at}{name}", value
+
+
+def _series(path: Path, arrays: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+    """Columns of the arrays over time; those of another length are constants and left out."""
+    numbers = {k: v.squeeze() for k, v in arrays.items() if v.dtype.kind in "fiub" and v.size > 1}
+    lengths = collections.Counter(v.size for v in numbers.values() if v.ndim == 1)
+    if not lengths:
+        raise ParameterError(f"{path.name} has no array of numbers over time")
+    length = max(lengths, key=lambda size: (lengths[size], size))
+    upright = {k: v.T if v.ndim == 2 and len(v) != length else v for k, v in numbers.items()}
+    return expand(path, {k: v for k, v in upright.items() if v.ndim <= 2 and len(v) == length})
 
 
 def parquet_columns(path: Path) -> dict[str, np.ndarray]:

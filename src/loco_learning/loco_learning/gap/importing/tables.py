@@ -19,8 +19,11 @@ from ..recordings import units
 from ..recordings.record import Doubt
 from . import foreign
 
-SUFFIXES = (".csv", ".txt", ".tsv", ".dat", ".json", ".jsonl", ".pt", ".parquet")
-BINARY = {".pt": foreign.torch_columns, ".parquet": foreign.parquet_columns}
+BINARY = {
+    ".pt": foreign.torch_columns, ".parquet": foreign.parquet_columns,
+    ".npz": foreign.numpy_columns, ".mat": foreign.matlab_columns,
+}  # fmt: skip
+SUFFIXES = (".csv", ".txt", ".tsv", ".dat", ".json", ".jsonl", *BINARY)
 EMPTY = ("", "none", "null", "nan", "na")
 PREAMBLE = 50  # lines in which the first row of numbers is looked for (taste)
 HALF_DAY = 43200.0  # [s]; a time of day that falls by more has passed midnight
@@ -126,7 +129,8 @@ def read(path: str | Path, samples: str = "") -> Table:
 
     Args:
         path: Text of rows separated by comma, semicolon, tab, bar or spaces, JSON, JSON lines,
-            ``.pt`` or ``.parquet``. Columns without a line of names have their numbers from 1.
+            ``.pt``, ``.parquet``, ``.npz`` or ``.mat``. Columns without a line of names have their
+            numbers from 1.
         samples: Field of a JSON log that is its list of samples; empty: the only list.
 
     Raises:
