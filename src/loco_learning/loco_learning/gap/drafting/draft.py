@@ -91,7 +91,7 @@ def of_table(table: tables.Table, joints: Sequence[str]) -> str:
     measured = {guess.joint for guess in guesses.values() if guess.role == "q"}
     guesses |= {name: words.position(name, guess.joint) for name, guess in guesses.items()
                 if not guess.role and guess.joint not in measured
-                and words.says_joint_alone(name, guess.joint)}  # fmt: skip
+                and words.is_joint_name(name, guess.joint)}  # fmt: skip
     guesses |= _in_order(guesses, joints)
     unread = [x for x, guess in guesses.items()
               if guess.role in UNREAD and not value_columns[x].any()]  # fmt: skip

@@ -130,13 +130,14 @@ def joint_in(name: str, joints: Sequence[str]) -> str:
     fitting = [j for j in joints if split_name(j) and _contains(tokens, split_name(j))]
     if fitting:
         return max(fitting, key=lambda joint: len(split_name(joint)))
-    words = [{w for w in split_name(j) if not w.isdigit()} - VOCABULARY for j in joints]
-    common = {w for some, other in itertools.combinations(words, 2) for w in some & other}
-    likely = [j for j, own in zip(joints, words, strict=True) if (own - common) & set(tokens)]
-    return likely[0] if len(likely) == 1 else ""
+    vocabularies = [{w for w in split_name(j) if not w.isdigit()} - VOCABULARY for j in joints]
+    common = {w for a, b in itertools.combinations(vocabularies, 2) for w in a & b}
+    pairs = zip(joints, vocabularies, strict=True)
+    candidates = [j for j, tokens_of in pairs if (tokens_of - common) & set(tokens)]
+    return candidates[0] if len(candidates) == 1 else ""
 
 
-def says_joint_alone(name: str, joint: str) -> bool:
+def is_joint_name(name: str, joint: str) -> bool:
     """True if a name has no other words than those of its joint, a unit, and "measured"."""
     explained = {*MEASURED, *UNITS, *NOISE, *split_name(joint)}
     return bool(joint) and explained.issuperset(split_name(name))

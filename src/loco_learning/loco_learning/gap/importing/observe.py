@@ -76,7 +76,7 @@ def notes(tracks: Sequence[Track], rate: float, gap: float) -> list[str]:
         messages += _stamps(group, rate, gap)
     for track in tracks:
         messages += _saturated(track)
-    resolutions = {(t.role, t.place): _step(t) or 0.0 for t in tracks}
+    resolutions = {(t.role, t.place): quantum(t) or 0.0 for t in tracks}
     for role in dict.fromkeys(role for role, _ in resolutions):
         sizes = [size for (r, _), size in resolutions.items() if r == role and size > 0.0]
         if sizes:
@@ -94,7 +94,7 @@ def steps(tracks: Sequence[Track]) -> dict[tuple[str, str], float]:
         for track in tracks
         if not track.role.startswith("command_") and track.role not in INPUTS
     ]
-    sizes = {(track.role, track.place): _step(track) for track in measured}
+    sizes = {(track.role, track.place): quantum(track) for track in measured}
     return {of: step for of, step in sizes.items() if step is not None}
 
 
@@ -142,8 +142,11 @@ def _stamps(tracks: Sequence[Track], rate: float, gap: float) -> list[str]:
     return messages
 
 
-def _step(track: Track) -> float | None:
-    """Quantisation step: the common divisor of all differences of values; 0 if there is none."""
+def quantum(track: Track) -> float | None:
+    """Quantisation step: the common divisor of all differences of values; 0 if there is none.
+
+    None if the values hardly change, so that it cannot be determined.
+    """
     values = np.unique(track.x)
     if len(values) < 3:
         return None

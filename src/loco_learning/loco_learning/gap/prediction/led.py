@@ -69,19 +69,19 @@ def forward(
     compared alike.
     """
     direct = Forward(model, records, params)
-    if direct.params.window or not told_torques(direct):
+    if direct.params.window or not torque_driven(direct):
         return direct
     responses = measured(direct)
     longest = CHANGED * min(joint.time for joint in responses)
     window = next((w for w in WINDOWS if w <= longest), WINDOWS[-1])
-    pieces = direct.params.replace(window=window)
+    divided = direct.params.replace(window=window)
     if min(joint.fed_back for joint in responses) >= FED_BACK and np.min(swings(direct)) >= SWINGS:
-        return Forward(model, records, pieces)
+        return Forward(model, records, divided)
     duration = float(np.mean([record.duration for record in records]))
     if min(joint.decay for joint in responses) * duration >= DECAY_TIMES:
         return direct
     if not possible(direct):
-        return Forward(model, records, pieces)
+        return Forward(model, records, divided)
     return InverseDynamics(model, records, params)
 
 
@@ -118,10 +118,10 @@ def swings(forward: Forward) -> np.ndarray:
 def possible(forward: Forward) -> bool:
     """True if every joint is measured and commanded by torque, without quantisation."""
     robots = [forward.robot(i) for i in range(len(forward.records))]
-    return told_torques(forward) and all(len(r.driven) == len(r.joints) for r in robots)
+    return torque_driven(forward) and all(len(r.driven) == len(r.joints) for r in robots)
 
 
-def told_torques(forward: Forward) -> bool:
+def torque_driven(forward: Forward) -> bool:
     """True if every joint is measured, and every joint with a drive commanded by torque."""
     robots = [forward.robot(i) for i in range(len(forward.records))]
     return all(

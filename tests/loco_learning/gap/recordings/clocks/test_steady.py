@@ -76,3 +76,12 @@ def test_a_command_that_is_given_when_it_is_stamped_stays_beside_readings_that_m
               Track("command_position", "hinge", stamps, command, "made")]  # fmt: skip
     first, second = steady.steadied(tracks, [])
     assert np.ptp(first.t - even) < 1e-5 and second is tracks[1]
+
+
+@pytest.mark.parametrize("step", [1e-4, 1e-3, 0.003, 0.01, 0.05])
+def test_a_coarse_encoder_does_not_make_uneven_readings_even(step):
+    """Between two of its steps the motion lies as far as its jitter; rounding hides that."""
+    _, stamps = late(size=0.2)
+    q = np.round((np.sin(3.0 * stamps) + 0.3 * np.sin(11.0 * stamps)) / step) * step
+    track = Track("q", "hinge", stamps, q, "made")
+    assert steady.steadied([track], []) == [track]
