@@ -111,10 +111,10 @@ def _smoother(tracks: Sequence[Track], even: np.ndarray) -> bool:
     share = np.where(span > 0.0, (t[1:-1] - t[:-2]) / np.where(span > 0.0, span, 1.0), 0.5)
     for track in tracks:
         x, rise = track.x, track.x[2:] - track.x[:-2]
-        differ = np.abs((share - 0.5) * rise) > (quantum(track) or 0.0)
-        if not differ.any():
+        resolved = np.abs((share - 0.5) * rise) > (quantum(track) or 0.0)
+        if not resolved.any():
             continue
-        errors = [np.square(x[1:-1] - x[:-2] - part * rise)[differ] for part in (share, 0.5)]
+        errors = [np.square(x[1:-1] - x[:-2] - part * rise)[resolved] for part in (share, 0.5)]
         size = float(np.mean(errors))
         wins += int(np.sum(errors[1] < errors[0]))
         count += int(np.sum(errors[1] != errors[0]))
