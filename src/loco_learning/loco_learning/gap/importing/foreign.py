@@ -240,7 +240,7 @@ def matlab_columns(path: Path) -> dict[str, np.ndarray]:
     except Exception as error:  # noqa: BLE001  (malformed bytes raise any type)
         reason = " ".join(str(error).split())[:120] or type(error).__name__
         raise ParameterError(f"{path.name} is no file that MATLAB saved: {reason}") from None
-    return _series(path, dict(_leaves(fields)))
+    return _series(path, dict(_nested(fields)))
 
 
 def _check_packed(data: bytes) -> None:
@@ -249,17 +249,17 @@ def _check_packed(data: bytes) -> None:
     while data.startswith(b"MATLAB") and at + 8 <= len(data):
         kind, size = struct.unpack(f"{order}II", data[at : at + 8])
         if kind == _COMPRESSED:
-            part, most = data[at + 8 : at + 8 + size], packed.limit(len(data)) - filled + 1
-            filled += len(zlib.decompressobj().decompress(part, most))
+            part, rest = data[at + 8 : at + 8 + size], packed.limit(len(data)) - filled + 1
+            filled += len(zlib.decompressobj().decompress(part, rest))
             packed.check_room(filled, len(data))
         at += 8 + size
 
 
-def _leaves(fields: dict[str, Any], at: str = "") -> Iterable[tuple[str, np.ndarray]]:
+def _nested(fields: dict[str, Any], at: str = "") -> Iterable[tuple[str, np.ndarray]]:
     """Arrays in nested fields, with their path."""
     for name, value in fields.items():
         if isinstance(value, dict):
-            yield from _leaves(value, f"{at}{name}.")
+            yield from _nested(value, f"{at}{name}.")
         elif isinstance(value, np.ndarray):
             yield f"{at}{name}", value
 

@@ -12,12 +12,11 @@ from loco_sim.robot.description import Description
 from loco_sim.robot.robot import Robot
 
 from ..recordings.record import Doubt
-from ..recordings.tracks import INPUTS, Track
+from ..recordings.tracks import INPUTS, Track, quantum
 
 TURN = 2.0 * np.pi
 STUCK = 5  # consecutive samples at the largest value that are not by chance
 CLIPPED = 0.01  # share of samples at the largest value above which a signal is clipped
-FINEST = 1e-5  # share of a signal's range below which steps are rounding
 DEVIATION = 1.4826  # standard deviation of a normal law over its median absolute value
 LEVELS = 20  # a signal of fewer different values is a switch, not a clipped one
 
@@ -140,28 +139,6 @@ def _stamps(tracks: Sequence[Track], rate: float, gap: float) -> list[str]:
             f"{rate:.6g} Hz"
         )
     return messages
-
-
-def quantum(track: Track) -> float | None:
-    """Quantisation step: the common divisor of all differences of values; 0 if there is none.
-
-    None if the values hardly change, so that it cannot be determined.
-    """
-    values = np.unique(track.x)
-    if len(values) < 3:
-        return None
-    between = np.diff(values)
-    finest = FINEST * (values[-1] - values[0])
-    between = between[between > 0.01 * finest]
-    if len(between) < 2:
-        return None
-    for parts in (1, 2, 3):
-        step = float(np.min(between)) / parts
-        step = float(np.sum(between) / np.sum(np.round(between / step)))
-        remainder = np.abs(between / step - np.round(between / step))
-        if step > finest and np.mean(remainder < 0.1) > 0.97:
-            return step
-    return 0.0
 
 
 def _saturated(track: Track) -> list[str]:

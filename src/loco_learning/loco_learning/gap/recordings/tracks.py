@@ -23,6 +23,7 @@ JOINT, NAMED = "{joint}", ("column", "topic", "file")
 COUPLED = ("q", "command_position", "dq", "command_velocity")  # roles that followers have too
 INPUTS = ("supply", "enable", "stance")  # inputs of the robot other than commands
 
+FINEST = 1e-5  # share of a signal's range below which steps are rounding
 BITS = {"unsigned8": 8, "unsigned16": 16, "unsigned32": 32}
 AXES = {
     "gyro": "xyz",
@@ -285,3 +286,25 @@ def _looks_unsigned(raw: np.ndarray) -> bool:
         return False
     low, high = np.mean(finite < 2e4), np.mean(finite > 45e3)
     return bool(low > 0.0 and high > 0.0 and low + high > 0.999 and np.all(finite % 1.0 == 0.0))
+
+
+def quantum(track: Track) -> float | None:
+    """Quantisation step: the common divisor of all differences of values; 0 if there is none.
+
+    None if the values hardly change, so that it cannot be determined.
+    """
+    values = np.unique(track.x)
+    if len(values) < 3:
+        return None
+    between = np.diff(values)
+    finest = FINEST * (values[-1] - values[0])
+    between = between[between > 0.01 * finest]
+    if len(between) < 2:
+        return None
+    for parts in (1, 2, 3):
+        step = float(np.min(between)) / parts
+        step = float(np.sum(between) / np.sum(np.round(between / step)))
+        remainder = np.abs(between / step - np.round(between / step))
+        if step > finest and np.mean(remainder < 0.1) > 0.97:
+            return step
+    return 0.0

@@ -8,9 +8,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..observe import quantum
 from ..record import Doubt
-from ..tracks import INPUTS, Track
+from ..tracks import INPUTS, Track, quantum
 from .params import LINES
 
 
