@@ -88,3 +88,11 @@ def test_friction_that_fades_does_so_at_a_speed_that_a_joint_reached():
     assert slow.high == slow.value(99.0) == 0.02
     assert all(slow.low < slow.value(x) <= 0.02 for x in slow.start)
     assert quick == unknown and unknown.high == 100.0
+
+
+@pytest.mark.parametrize(
+    ("direction", "label"),
+    [((0.0, 0.0, 1.0), "at.z"), ((0.0, 0.0, -1.0), "at.-z"), ((0.6, 0.0, -0.8), "at")],
+)
+def test_a_distance_along_a_negative_axis_says_so(direction, label):
+    assert Coordinate("at", 1.0, (0.0,), 0.0, 1.0, direction=direction).label == label

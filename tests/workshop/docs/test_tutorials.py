@@ -39,7 +39,7 @@ def test_a_measured_log(repository, tmp_path):
     assert "mapping.yaml is a draft" in said[1] and "torque is command_torque" in said[1]
     assert "Unknown" in said[1]
     assert "robot.yaml is a draft" in said[2] and "No gap" not in said[2]
-    assert "Named: payload in pendulum." in said[3] and "position.z 0.5" in said[3]
+    assert "Named: payload in pendulum." in said[3] and "position.-z 0.5" in said[3]
 
 
 @searches

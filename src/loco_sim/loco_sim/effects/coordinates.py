@@ -41,8 +41,12 @@ class Coordinate:
 
     @property
     def label(self) -> str:
-        """Name of the parameter, with its vector axis and joint if it has them."""
-        axes = [f".{axis}" for axis, part in zip("xyz", self.direction, strict=False) if part]
+        """Name of the parameter, with its vector axis and joint if it has them.
+
+        A value along the negative axis z is ``name.-z``.
+        """
+        parts = zip("xyz", self.direction, strict=False)
+        axes = [f".{'-' * (part < 0.0)}{axis}" for axis, part in parts if part]
         return f"{self.name}{axes[0] if len(axes) == 1 else ''} {self.of}".strip()
 
     @property
