@@ -86,7 +86,11 @@ class Forward:
     how, fine_steps = "motion", True
 
     def __init__(
-        self, model: Model, records: Sequence[Record], params: ForwardParams | None = None
+        self,
+        model: Model,
+        records: Sequence[Record],
+        params: ForwardParams | None = None,
+        loaded: dict[Any, Robot] | None = None,
     ):
         """Prepare channels and initial states from the records.
 
@@ -94,6 +98,7 @@ class Forward:
             model: Robot, overrides and effects; effects of a call are appended.
             records: Measured records.
             params: Settings of a simulation.
+            loaded: Robots of the same file that others have loaded; new ones are added.
 
         Raises:
             ParameterError: The robot has no drives in its robot.yaml, or a record lacks a
@@ -101,7 +106,7 @@ class Forward:
         """
         self.model, self.records = model, tuple(records)
         self.params = params or ForwardParams()
-        self._robots: dict[Any, Robot] = {}
+        self._robots: dict[Any, Robot] = {} if loaded is None else loaded
         self._runs: OrderedDict[str, np.ndarray] = OrderedDict()
         self._said: dict[int, Legs | None] = {}
         robots = [self._robot(index, {}, 1.0) for index in range(len(self.records))]
@@ -182,7 +187,8 @@ class Forward:
     def _robot(self, index: int, overrides: Mapping[str, Any], step: float) -> Robot:
         """The robot of a record, with sensors that add no quantisation and no noise."""
         record = self.records[index]
-        values = json.dumps({**record.overrides, **overrides}, sort_keys=True)
+        every = {**self.model.overrides, **record.overrides, **overrides}
+        values = json.dumps(every, sort_keys=True, default=repr)
         key = values, running.period(record), step
         if key not in self._robots:
             if len(self._robots) >= MAX_ROBOTS:

@@ -142,7 +142,11 @@ class InverseDynamics(Forward):
     how, fine_steps = "torque along the measured motion", False
 
     def __init__(
-        self, model: Model, records: Sequence[Record], params: ForwardParams | None = None
+        self,
+        model: Model,
+        records: Sequence[Record],
+        params: ForwardParams | None = None,
+        loaded: dict[Any, Robot] | None = None,
     ):
         records = _with_torques(model, records)
         model = replace(model, effects=[e for e in model.effects if not _outside(e)])
@@ -155,7 +159,7 @@ class InverseDynamics(Forward):
         inertia = np.mean([_inertia(*pair, self._added) for pair in pairs], axis=0)
         self._gains = np.maximum(inertia, 1e-9 * np.max(inertia))
         params = (params or ForwardParams()).replace(signals=("tau",))
-        super().__init__(model, prescribed, params)
+        super().__init__(model, prescribed, params, loaded)
 
     @cached_property
     def _joints(self) -> tuple[Channel, ...]:

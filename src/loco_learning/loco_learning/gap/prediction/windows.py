@@ -247,18 +247,28 @@ def _firsts(record: Record, robot: Robot) -> Iterator[tuple[int, tuple]]:
         commands[:, robot.driven] = record.command_of(robot, "position")
     for joint in range(len(robot.joints)):
         if np.isfinite(measured[:, joint]).sum() > 2 * HALVES[0]:
-            rows, values = _of_sensor(measured[:, joint])
             step = record.step_of("q", robot.joints[joint])
-            sigma = float(np.hypot(noise_of(values, step), 0.5 * step))  # quantisation included
+            rows, values, sigma = _first_readings(measured[:, joint].tobytes(), step)
             command = commands[np.rint(rows).astype(int), joint]
-            max_samples = 2 * max(*HALVES, *LONGER) + 1
-            columns = (x[:max_samples].tobytes() for x in (rows * record.dt, values, command))
+            columns = (x.tobytes() for x in (rows * record.dt, values, command))
             yield joint, _first_of(*columns, sigma)
+
+
+@lru_cache(maxsize=64)
+def _first_readings(column: bytes, step: float) -> tuple[np.ndarray, np.ndarray, float]:
+    """Rows and values of the readings that `_first` may need, (S,), and the noise of all.
+
+    The tests of a set-up change one joint of many.
+    """
+    rows, values = _of_sensor(np.frombuffer(column))
+    sigma = float(np.hypot(noise_of(values, step), 0.5 * step))  # quantisation included
+    max_samples = 2 * max(*HALVES, *LONGER) + 1
+    return rows[:max_samples], values[:max_samples], sigma
 
 
 @lru_cache(maxsize=4096)
 def _first_of(t: bytes, values: bytes, command: bytes, sigma: float) -> tuple[float, ...]:
-    """`_first` of columns as bytes: the tests of a set-up change one joint of many."""
+    """`_first` of columns as bytes, see `_first_readings`."""
     return _first(np.frombuffer(t), np.frombuffer(values), sigma, np.frombuffer(command))
 
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -102,6 +103,7 @@ class Bench:
         )
         self.records = [busiest(record, SECONDS) for record in selected[:COUNT]]
         self._trials: dict[str, Trial | None] = {}
+        self._robots: dict[Any, Robot] = {}
         self.possible = bool(self.records) and self() is not None and bool(self().joints)
 
     def mended(self, changes: Iterable[Change]) -> Bench:
@@ -143,21 +145,21 @@ class Bench:
         """Commanded positions in place of a simulation."""
         return commanded(self.told_records())
 
-    def torques(self) -> Trial | None:
-        """Simulation compared in measured joint torques; None if they were not measured.
+    def torques(self, *changes: Change) -> Trial | None:
+        """Simulation with changes, compared in measured joint torques; None if there were none.
 
         If torques are commanded, these take the place of a simulation.
         """
-        records = self.told_records()
-        if not self.possible or not all(record.has("tau") for record in records):
+        trial, total = self(*changes), composed([*self._changes, *changes])
+        records = [correct(record, total) for record in self.records]
+        if not (trial and trial.joints and records) or not all(r.has("tau") for r in records):
             return None
         if self.led:
-            names = self().joints
+            names = trial.joints
             commands = [r.command["torque"][:, [r.driven.index(j) for j in names]] for r in records]
             tau = [r.signals["tau"][:, [r.joints.index(j) for j in names]] for r in records]
             return Trial(names, tuple(commands), tuple(tau))
-        model = model_with(self.model, self._changes)
-        forward = Forward(model, records, ForwardParams(signals=("tau",)))
+        forward = self._forward(Forward, total, records, "tau")
         names = tuple(channel.name for channel in forward.channels)
         return Trial(names, tuple(forward()), tuple(forward.measured))
 
@@ -168,7 +170,7 @@ class Bench:
         """
         if self.free or not all(record.has("tau") for record in self.records):
             return list(options)
-        runs = [self.mended(one).torques() for one in options]
+        runs = [self.torques(*one) for one in options]
         errors = [run.miss() if run else np.inf for run in runs]
         smallest = min(errors, default=np.inf)
         limit = LIMITS.alike * smallest + 1e-3 if smallest < LIMITS.explained else np.inf
@@ -207,15 +209,21 @@ class Bench:
         records = [correct(record, changes) for record in self.records]
         if self.free:
             return commanded(records)
-        model = model_with(self.model, changes)
         if not self.led:
-            forward = Forward(model, records, ForwardParams(signals=("q",)))
+            forward = self._forward(Forward, changes, records, "q")
             self.led = possible(forward) and not forward.robot().springs  # springs restore joints
         if self.led:
-            forward = InverseDynamics(model, records)
+            forward = self._forward(InverseDynamics, changes, records, "tau")
         names = tuple(channel.name for channel in forward.channels)
         moves = tuple(moving(record, names) for record in records)
         return Trial(names, tuple(forward()), tuple(forward.measured), moves)
+
+    def _forward(
+        self, kind: type[Forward], changes: Sequence[Change], records: Sequence[Record], signal: str
+    ) -> Forward:
+        """Forward model with changes of the set-up; robots that were loaded once are kept."""
+        model, params = model_with(self.model, changes), ForwardParams(signals=(signal,))
+        return kind(model, records, params, self._robots)
 
 
 def moving(record: Record, joints: Sequence[str]) -> np.ndarray:

@@ -36,7 +36,7 @@ def drafted(bench: Bench) -> list[Finding]:
     gains = {j: by for j in joints if (by := signals.regressed(bench, j))}
     wrong = [j for j, (by, e) in gains.items() if np.any(np.abs(by - old[j]) > 2.0 * e + 0.01 * by)]
     exact = tuple(c for j in wrong for c in gained(bench, gains[j][0] / old[j], (j,)))
-    after = bench.mended(exact).torques() if wrong else None
+    after = bench.torques(*exact) if wrong else None
     if after and all(abs(corr) > LIMITS.against and 1.0 / LIMITS.scale < abs(by) < LIMITS.scale
                      for by, corr in (moved(after, j) for j in wrong)):  # fmt: skip
         parts = (f"{key} of {j} is {by:.4g} ± {error:.1g}" for j in wrong
