@@ -10,6 +10,8 @@ from __future__ import annotations
 import ast
 import hashlib
 import importlib
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -49,6 +51,50 @@ def test_a_cache_is_not_used_after_a_change_in_what_it_calls(path):
     wanted = hashlib.sha256(text.encode()).hexdigest()[:12]
     found = getattr(importlib.import_module(name), "MADE_OF", "")
     assert found == wanted, f'write MADE_OF = "{wanted}" into {path.name}'
+
+
+PLACE = """
+from typing import NamedTuple
+class Pair(NamedTuple):
+    a: float
+    b: float
+"""
+TWICE = """
+from loco_sim.jit import {mark}
+@{decorator}
+def twice(pair):
+    return 2.0 * pair[0]
+"""
+CALL = """
+import sys
+sys.path.insert(0, sys.argv[1])
+from {place} import Pair
+from twice import twice
+assert twice(Pair(3.0, 4.0)) == 6.0
+print(sum(twice.stats.cache_hits.values()))
+"""
+
+
+@pytest.mark.parametrize("decorator", ["njit()", "kernel"])
+def test_a_cache_with_a_class_that_has_moved_is_made_anew(tmp_path, decorator):
+    text = TWICE.format(mark=decorator.rstrip("()"), decorator=decorator)
+    (tmp_path / "twice.py").write_text(text)
+
+    def hits(place):
+        (tmp_path / f"{place}.py").write_text(PLACE)
+        words = [sys.executable, "-c", CALL.format(place=place), str(tmp_path)]
+        done = subprocess.run(words, capture_output=True, text=True)
+        assert done.returncode == 0, done.stderr
+        return int(done.stdout)
+
+    assert [hits("here"), hits("here")] == [0, 1]
+    (tmp_path / "here.py").unlink()
+    assert [hits("there"), hits("there")] == [0, 1]
+
+
+def test_kernels_of_tuples_have_caches_that_are_made_anew():
+    plain = [p.stem for p in MIXED if "from numba import njit" in p.read_text()]
+    assert not plain, "their kernels call others with tuples: take njit from loco_sim.jit"
 
 
 def slices(path: Path) -> list[str]:

@@ -1,27 +1,22 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Compiled loop of `loop.Bolted`: drives, springs, laws of effects and dynamics.
-
-Its cache holds the names of the tuples that it is called with: if one is renamed, move `run` to
-another line, or caches that are already there cannot be read.
-"""
+"""Compiled loop of `loop.Bolted`: drives, springs, laws of effects and dynamics."""
 
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
 from ..drives.actuators import COMMANDS
 from ..drives.servo_kernels import INTEGRAL, ROTOR, SPIN
 from ..effects.laws import budgets, copy_rows, joint_torques
 from ..effects.rows import GAIN, LIMIT, ON_MOTOR, SAG, SPEED_LINE
-from ..jit import kernel
+from ..jit import kernel, njit
 from ..multibody.dynamics import advance, workshop
 from ..world.braking import split
 
-MADE_OF = "7047cb9c9fc7"  # of the called kernels, see tests/loco_sim/test_kernel_caches.py
+MADE_OF = "ea72556bfdab"  # of the called kernels, see tests/loco_sim/test_kernel_caches.py
 
 
-@njit(cache=True, error_model="numpy")
+@njit(error_model="numpy")
 def run(inputs, out, memory_log):
     """Allocate the work arrays of `simulate`, and run it; arguments as there."""
     n = out.shape[2]

@@ -17,8 +17,8 @@ with dampers; the author's code takes u = v.
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
+from ..jit import njit
 from .lanes import bell, fma, get, inverse_length, next_word, put, put_span, span, where_negative
 
 # Arrays are lists of rows of lanes. `state` has 6 parts of (dimension * nodes) rows: position,
@@ -41,8 +41,8 @@ EXACT_EVERY = 512  # steps between exact sines; in between a rotation recurrence
 TINY = 1e-24  # [m²] keeps the direction of a link of zero length finite
 
 # Without reference counting, which would cost more than the arithmetic. Nothing is allocated.
-inner = njit(cache=True, _nrt=False, forceinline=True)
-outer = njit(cache=True, _nrt=False, nogil=True)
+inner = njit(_nrt=False, forceinline=True)
+outer = njit(_nrt=False, nogil=True)
 
 
 @inner

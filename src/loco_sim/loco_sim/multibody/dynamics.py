@@ -9,9 +9,8 @@ impulses, as in PyBullet.
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
-from ..jit import inlined, kernel
+from ..jit import inlined, kernel, njit
 from .tree import ARMATURE, AXIS, COM, DAMPING, HIGH, INERTIA, LOW, MASS, PLACE, TURN
 
 STOP_SHARE = 0.2  # share of the penetration of a stop that is corrected per step, as in PyBullet
@@ -105,7 +104,7 @@ def turn_about(axis, angle):
     )  # fmt: skip
 
 
-@njit(cache=True, error_model="numpy")
+@njit(error_model="numpy")
 def workshop(n):
     """Work arrays of `advance` for n joints, allocated once.
 

@@ -8,11 +8,12 @@ from __future__ import annotations
 
 import numpy as np
 from llvmlite import ir
-from numba import njit, types
+from numba import types
 from numba.extending import intrinsic
 
 from ..drives.actuators import COMMANDS
 from ..effects.laws import budgets, copy_rows, joint_torques
+from ..jit import njit
 from ..world.hinges import torque as hinge_torque
 from .sensing import BASE
 
@@ -31,7 +32,7 @@ def call(typing_context, address, model, data):
     return types.void(types.intp, types.intp, types.intp), code
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
+@njit(error_model="numpy", nogil=True)
 def run(engine, drives, acting, commands, first, dt, memory_log, out):
     """Simulate commands while the state is finite; return the number of simulated rows.
 
@@ -106,7 +107,7 @@ def run(engine, drives, acting, commands, first, dt, memory_log, out):
     return rows
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
+@njit(error_model="numpy", nogil=True)
 def limit_speed(engine):
     """Limit all velocities to the fastest, as PyBullet does."""
     for i in range(len(engine.dq)):
@@ -114,14 +115,14 @@ def limit_speed(engine):
             engine.dq[i] = engine.fastest if engine.dq[i] > 0.0 else -engine.fastest
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def step_engine(engine, steps):
     """Advance the engine alone by `steps` steps, with unchanged torques."""
     for _ in range(steps):
         call(engine.step, engine.model, engine.data)
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
+@njit(error_model="numpy", nogil=True)
 def observe(engine, reading):
     """Current state of joints and base, written into a row of `out` of `run`."""
     n, q, dq = len(engine.q_at), engine.q, engine.dq
@@ -147,7 +148,7 @@ def observe(engine, reading):
     )
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
+@njit(error_model="numpy", nogil=True)
 def hang(engine, hinges, dt):
     """Apply the torques of sprung hinges within links; `hinges` has stiffness, damping, inertia."""
     for i in range(len(hinges)):
@@ -156,7 +157,7 @@ def hang(engine, hinges, dt):
         engine.tau[at] = hinge_torque(spring, deflection, hinges[i, 2], dt)
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
+@njit(error_model="numpy", nogil=True)
 def pull(engine, pulls, step):
     """Apply the external forces of one step, `pulls.Pulls` on bodies; whether there are any."""
     body, window, const = pulls

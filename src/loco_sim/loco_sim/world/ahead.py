@@ -14,10 +14,10 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from ..drives.servo_kernels import DEMAND, GAIN, LIMIT, PASSIVE
 from ..geometry import Triple, rotation_matrix
+from ..jit import njit
 from ..multibody import tree
 from ..multibody.dynamics import (
     ALONG,
@@ -32,7 +32,7 @@ from ..multibody.dynamics import (
 )
 from ..robot.description import Description
 
-MADE_OF = "6b6f37f35586"  # of the called kernels, see tests/loco_sim/test_kernel_caches.py
+MADE_OF = "956e68e094e9"  # of the called kernels, see tests/loco_sim/test_kernel_caches.py
 
 POINT, NORMAL, SPEED, GIVE, FRICTION, TOUCH = 0, 3, 6, 7, 8, 9  # columns of a contact; their number
 SWEEPS = 50  # largest number of iterations over the contacts
@@ -110,7 +110,7 @@ class Ahead:
         return result[:, self._joints]
 
 
-@njit(cache=True, error_model="numpy")
+@njit(error_model="numpy")
 def stepped(tree, gravity, state, law, bodies, touch, dt, workspace):
     """Speeds after a step, and torques of drives at their limit, else NaN, (2, n).
 
@@ -161,7 +161,7 @@ def stepped(tree, gravity, state, law, bodies, touch, dt, workspace):
     return result
 
 
-@njit(cache=True, error_model="numpy")
+@njit(error_model="numpy")
 def directions(kin, links, bodies, touch):
     """Jacobian of the contacts: normal and two tangential speeds per joint speed, (3 k, n)."""
     jacobian = np.zeros((3 * len(bodies), len(kin)))
@@ -185,7 +185,7 @@ def directions(kin, links, bodies, touch):
     return jacobian
 
 
-@njit(cache=True, error_model="numpy")
+@njit(error_model="numpy")
 def contact_impulses(answer, speed, touch):
     """Impulses of the contacts, (3 k,), by Gauss-Seidel sweeps.
 

@@ -8,9 +8,9 @@ proportional to the number of pixels.
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from PIL import Image, ImageFilter
 
+from ..jit import njit
 from .figure import Figure
 
 MADE_OF = "84ef97f06718"  # of the called kernels, see tests/loco_sim/test_kernel_caches.py
@@ -113,7 +113,7 @@ class Stage:
         return int(left), int(top), int(right), int(bottom)
 
 
-@njit(cache=True)
+@njit()
 def lay_floor(image, where, floor, centre, tile, dark, lens):
     """Colour the pixels of the floor: tiles, shadow and fog.
 
@@ -144,7 +144,7 @@ def lay_floor(image, where, floor, centre, tile, dark, lens):
             image[where[i], k] = colour + floor[i, 2] * (HORIZON[k] - colour)
 
 
-@njit(cache=True)
+@njit()
 def put_over(image, colour, mask):
     """Downsample a picture by SAMPLES and overlay it on an image where the mask is set.
 
