@@ -149,6 +149,20 @@ def test_deviations_stay_within_what_is_believed():
         assert np.all(slope[~inside] * x[~inside] <= 1e-6)  # pushes outwards
 
 
+@pytest.mark.parametrize("size", [2, 5, 40])
+def test_no_way_within_bounds_leads_below_the_best_deviations(size):
+    """A value that ran into its bound comes back once those that drove it there have moved."""
+    rng, limits = np.random.default_rng(size), np.full(size, 2.5)
+    for _ in range(100):
+        columns = rng.normal(size=(3 * size, size)) @ rng.normal(size=(size, size))
+        gram, moment = columns.T @ columns + np.eye(size), columns.T @ rng.normal(size=3 * size)
+        best = loose._within(gram, 30.0 * moment, (-limits, limits))
+        slope = gram @ best - 30.0 * moment
+        inward = np.where(best >= limits, slope, np.where(best <= -limits, -slope, abs(slope)))
+        assert np.all(abs(best) <= limits)
+        assert inward.max() <= 1e-5 * np.abs(30.0 * moment).max()
+
+
 def test_what_no_straight_line_tells_is_sought_by_simulation(servo):
     """A drive that rounds its encoder: straight lines ended at a rod far too heavy."""
     case = servo()
