@@ -29,7 +29,7 @@ class Straight:
         off: A residual that no parameter changes, (T,).
     """
 
-    cap = 1e6
+    cap, ground, rounds = 1e6, False, False
 
     def __init__(self, size, shape, gain, off=0.0, dry=0.0):
         self.lines, self.off, self.dry = (size, shape, gain), off, dry
@@ -38,7 +38,13 @@ class Straight:
     def kept(self):
         return self
 
-    def whitened(self, specs, overrides):
+    def masked(self, residuals, only, held):
+        return residuals
+
+    def quickly(self, specs):
+        return False
+
+    def whitened(self, specs, overrides, coarse=False):
         row = self.off + np.log(overrides.get(KP, 1.0)) * self.lines[2]
         for spec in specs:
             if "velocity" in spec:

@@ -208,6 +208,13 @@ class Case:
         values = {} if stays else self.loose.values(by[0])
         return left, values, _price(by), self._moved(by[1:]), hope
 
+    def simulated(
+        self, specs: Sequence[Mapping], overrides: Mapping[str, Any], at: np.ndarray
+    ) -> tuple[list[np.ndarray], dict[str, float], float, tuple[np.ndarray, ...]]:
+        """As `suited`, without the last, with values of the robot at deviations, (V,)."""
+        left, by = self._fixed(specs, overrides, at)
+        return left, self.loose.values(at), _price(by), self._moved(by[1:])
+
     def _moved(self, starts: Sequence[np.ndarray]) -> tuple[np.ndarray, ...]:
         """Change of the initial state of each record [rad, rad/s], (2n,), from its deviations."""
         spreads = self.forward.doubtful() if starts else []

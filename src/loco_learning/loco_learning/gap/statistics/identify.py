@@ -187,6 +187,15 @@ def _covariance(j: np.ndarray) -> np.ndarray:
     return (vt.T / s**2) @ vt
 
 
+def inverse(gram: np.ndarray) -> np.ndarray:
+    """Inverse of a Gram matrix whose columns may differ by orders of magnitude; 0 for dead ones."""
+    size = np.sqrt(np.diag(gram))
+    size = np.where(size > 0.0, size, 1.0)
+    return np.linalg.pinv(gram / np.outer(size, size), rcond=1e-12, hermitian=True) / np.outer(
+        size, size
+    )
+
+
 def _least_determined(j: np.ndarray, names: Sequence[str]) -> tuple[str, float, float]:
     """Least determined direction in words, its standard error, and the condition number."""
     if not names:

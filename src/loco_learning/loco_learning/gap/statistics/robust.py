@@ -14,29 +14,35 @@ from collections.abc import Sequence
 import numpy as np
 from scipy.special import stdtrit
 
-from .identify import DEAD
+from .identify import DEAD, inverse
 
 MIN_CLUSTERS = 4  # smallest number of clusters: Student's law of one draw is useless (taste)
 
 
 def clusters(residuals: Sequence[np.ndarray], starts: Sequence[Sequence[int]]) -> np.ndarray:
-    """Cluster of each value of `identify.flat`, (N,).
+    """Cluster of each value of `identify.flat`, (N,); -1 after the last used row of a record.
 
     A cluster is a record, or each of its pieces that restarts from a measured state; if there are
     fewer than `MIN_CLUSTERS` in all, each is divided evenly.
 
     Args:
-        residuals: Residuals of each record, (T, C).
+        residuals: Residuals of each record, (T, C), NaN where not used.
         starts: First row of each of its pieces but the first, for each record.
     """
-    parts = -(-MIN_CLUSTERS // max(sum(len(rows) + 1 for rows in starts), 1))
-    groups, before = [], 0
+    edges = []
     for r, rows in zip(residuals, starts, strict=True):
-        edges = np.array([0, *rows, len(r)])
-        segment = np.repeat(np.arange(len(edges) - 1), np.diff(edges))
-        part = (np.arange(len(r)) - edges[segment]) * parts // np.diff(edges)[segment]
-        groups.append(np.repeat(before + parts * segment + part, r.shape[1]))
-        before += parts * (len(edges) - 1)
+        end = int(np.max(np.flatnonzero(np.isfinite(r).any(axis=1)), initial=-1)) + 1
+        edges.append(np.array([0, *(row for row in rows if row < end), end]))
+    parts = -(-MIN_CLUSTERS // max(sum(len(e) - 1 for e in edges if e[-1]), 1))
+    groups, before = [], 0
+    for r, e in zip(residuals, edges, strict=True):
+        group = np.full(len(r), -1)
+        if e[-1]:
+            segment = np.repeat(np.arange(len(e) - 1), np.diff(e))
+            part = (np.arange(e[-1]) - e[segment]) * parts // np.diff(e)[segment]
+            group[: e[-1]] = before + parts * segment + part
+            before += parts * (len(e) - 1)
+        groups.append(np.repeat(group, r.shape[1]))
     return np.concatenate(groups)
 
 
@@ -72,8 +78,8 @@ def half_widths(
         return widths
     fit, free = j[:, :count][:, live], np.concatenate([j[:, :count][:, live], j[:, count:]], 1)
     prior = np.diag([0.0] * fit.shape[1] + [1.0] * (free.shape[1] - fit.shape[1]))
-    inverse, joint = _inverse(fit.T @ fit), _inverse(free.T @ free + prior)
-    pulls = np.array([inverse @ (fit[groups == k].T @ r[groups == k]) for k in keys])
+    own, joint = inverse(fit.T @ fit), inverse(free.T @ free + prior)
+    pulls = np.array([own @ (fit[groups == k].T @ r[groups == k]) for k in keys])
     variance = len(keys) / (len(keys) - 1.0) * np.square(pulls).sum(0)
     pull = free.T @ r
     pull[fit.shape[1] :] += 0.0 if at is None else at
@@ -81,11 +87,3 @@ def half_widths(
     quantile = stdtrit(len(keys) - 1, 0.975)
     widths[live] = quantile * np.sqrt(variance + noise + np.square(moved))
     return widths
-
-
-def _inverse(gram: np.ndarray) -> np.ndarray:
-    """Inverse of a Gram matrix whose columns may differ by orders of magnitude."""
-    size = np.sqrt(np.diag(gram))
-    return np.linalg.pinv(gram / np.outer(size, size), rcond=1e-12, hermitian=True) / np.outer(
-        size, size
-    )

@@ -40,22 +40,26 @@ def groups(case: Case, model: Fitted) -> list[dict[str, tuple[float, float]]]:
     ]
 
 
-def columns(case: Case, model: Fitted) -> tuple[np.ndarray, np.ndarray]:
-    """Change of all residuals by one deviation of each value, (N, K); current deviations, (K,).
+def columns(
+    case: Case, model: Fitted, share: float = 1.0, coarse: bool = True
+) -> tuple[np.ndarray, np.ndarray]:
+    """Change of all residuals per deviation of each value, (N, K); current deviations, (K,).
 
     Args:
         case: Model and data.
         model: Fitted model.
+        share: Simulated change, in deviations.
+        coarse: Whether to simulate with the larger time steps of the model.
     """
     base_case, overrides = case.kept(), model.settled
-    reference = base_case.whitened(model.specs, overrides, coarse=True)
+    reference = base_case.whitened(model.specs, overrides, coarse=coarse)
     moved, at = [], []
     for group in groups(case, model):
         if set(group) & set(model.overrides):
             continue
         current = {name: overrides.get(name, nominal) for name, (nominal, _) in group.items()}
-        change = {name: current[name] + sigma for name, (_, sigma) in group.items()}
-        moved.append(_change(base_case, model, change, reference))
+        change = {name: current[name] + share * sigma for name, (_, sigma) in group.items()}
+        moved.append(_change(base_case, model, change, reference, coarse) / share)
         name, (nominal, sigma) = next(iter(group.items()))
         at.append((current[name] - nominal) / sigma)
     return (np.stack(moved, axis=1), np.array(at)) if moved else none(identify.pack(reference).size)
@@ -67,8 +71,12 @@ def none(count: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _change(
-    fixed_case: Case, model: Fitted, change: Mapping[str, Any], ref: list[np.ndarray]
+    fixed_case: Case,
+    model: Fitted,
+    change: Mapping[str, Any],
+    ref: list[np.ndarray],
+    coarse: bool,
 ) -> np.ndarray:
-    shifted = fixed_case.whitened(model.specs, {**model.settled, **change}, coarse=True)
+    shifted = fixed_case.whitened(model.specs, {**model.settled, **change}, coarse=coarse)
     change = identify.pack([a - b for a, b in zip(shifted, ref, strict=True)])
     return np.clip(np.nan_to_num(change), -fixed_case.cap, fixed_case.cap)

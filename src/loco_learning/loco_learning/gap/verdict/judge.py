@@ -28,6 +28,7 @@ from ..statistics.leftover import has_gap
 from . import stable, traded
 from .decide import NAMED, NO_GAP, PARTLY, UNKNOWN, Decision, References, closes, decide
 from .estimates import Estimate, absent, alarms
+from .polish import polished
 from .rivals import RIVAL_NAMES, leading, look_alike_names, select
 from .sensitivity import sensitivities
 
@@ -215,7 +216,8 @@ class Judgement:
             keys = [h.key for h, _ in model.parts if h.key not in uncertain]
             smaller = self.fits.get(" + ".join(sorted(keys)))
             if not uncertain or not keys or smaller is None:
-                return model, estimates, analysis, uncertain
+                model = polished(self.case.corrected(model.specs, model.overrides), model)
+                return model, *self._sensitivities(model), uncertain
             model = smaller
 
     def _challenge(self, model: Fitted) -> None:

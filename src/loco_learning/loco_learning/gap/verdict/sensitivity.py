@@ -20,6 +20,10 @@ STRENGTH_STEP, LOG_STEP = (
     0.05,
     0.1,
 )  # finite difference of a strength, and of the logarithm of a shape or nominal value
+# Factor on these, and on deviations of values of the robot, where residuals have derivatives: what
+# an effect and these values do may nearly cancel, and errors of the columns would hide it (theory).
+NARROW = 0.01
+JUMPS = 2.0  # ratio of the lengths of both columns above which there is no derivative (taste)
 LINEAR_SHARE = 0.3  # half interval over the size above which derivatives are checked (taste)
 NORMAL = 1.96  # standard errors of a 95 % interval
 MIN_PROBABILITY = 1e-3  # probability below which parts of the data disagree on a value
@@ -39,17 +43,17 @@ def sensitivities(
         Estimates by key of the hypothesis, and the analysis of all coordinates; None if
         nothing was fitted.
     """
-    names, moves = _moves(model)
-    if not moves:
+    names = _moves(model)[0]
+    if not names:
         return {}, None
-    base_case, refitted = case.kept(), model.settled
-    reference = base_case.whitened(model.specs, refitted)
-    moves = [(specs, {**refitted, **overrides}, step) for specs, overrides, step in moves]
-    matrix = np.stack([_column(base_case, reference, *move) for move in moves], axis=1)
+    base_case = case.kept()
+    reference = base_case.whitened(model.specs, model.settled)
+    matrix, uncertain = columns(case, model, wider)
     weight = identify.weights(model.score)
     analysis = identify.analyse(matrix, names, list(model.overrides), weight)
-    uncertain = doubt.columns(case, model) if wider else doubt.none(len(matrix))
-    groups = robust.clusters(model.whole, case.forward.begun())
+    used = case.masked(model.whole, range(len(model.whole)), held=False)
+    weight = np.where(np.isfinite(identify.pack(used)), weight, 0.0)  # what was fitted, no more
+    groups = robust.clusters(used, case.forward.begun())
     widths, deviation = _half_widths(matrix, model, weight, uncertain, groups)
     sizes, with_shapes = ~_shapes(model, len(names)), np.full(len(names), np.nan)
     with_shapes[sizes], _ = _half_widths(matrix[:, sizes], model, weight, uncertain, groups)
@@ -62,6 +66,43 @@ def sensitivities(
         result[hypothesis.key] = estimates(hypothesis, x, *each, limits)
         start += len(x)
     return result, analysis
+
+
+def columns(
+    case: Case, model: Fitted, wider: bool = True
+) -> tuple[np.ndarray, tuple[np.ndarray, np.ndarray]]:
+    """Change of all residuals per unit of each coordinate, (N, P), and `doubt.columns`.
+
+    Where values of the robot are in doubt, a column is the derivative, if residuals have one.
+
+    Args:
+        case: Model and data.
+        model: Fitted model.
+        wider: Whether values of the robot are in doubt; otherwise they have no columns.
+    """
+
+    def by(share: float) -> tuple[np.ndarray, tuple[np.ndarray, np.ndarray]]:
+        coarse = share < 1.0 and case.quickly(model.specs)
+        kept = case.kept()
+        reference = kept.whitened(model.specs, model.settled, coarse=coarse)
+        matrix = np.stack(
+            [_column(kept, reference, *move, coarse) for move in _moves(model, share)[1]], axis=1
+        )
+        if not wider:
+            return matrix, doubt.none(len(matrix))
+        return matrix, doubt.columns(case, model, share, coarse or share == 1.0)
+
+    effects, (values, at) = by(1.0)
+    if not wider or case.ground or case.rounds:
+        return effects, (values, at)
+    narrow = by(NARROW)
+    return _smooth(narrow[0], effects), (_smooth(narrow[1][0], values), at)
+
+
+def _smooth(narrow: np.ndarray, wide: np.ndarray) -> np.ndarray:
+    """Columns by narrow differences, (N, P), and those by wide ones where these differ by jumps."""
+    lengths = [np.linalg.norm(np.nan_to_num(each), axis=0) for each in (narrow, wide)]
+    return np.where(np.max(lengths, axis=0) <= JUMPS * np.min(lengths, axis=0), narrow, wide)
 
 
 def _half_widths(
@@ -168,27 +209,33 @@ def _shapes(model: Fitted, count: int) -> np.ndarray:
     return np.array(flags + [False] * (count - len(flags)))
 
 
-def _moves(model: Fitted) -> tuple[list[str], list[tuple[list, dict, float]]]:
-    """Perturbation of each coordinate: names, and (effects, nominal values, step) of each."""
+def _moves(model: Fitted, share: float = 1.0) -> tuple[list[str], list[tuple[list, dict, float]]]:
+    """Perturbation of each coordinate: names, and (effects, values of the robot, step) of each.
+
+    Args:
+        model: Fitted model.
+        share: Factor on the usual steps.
+    """
     names, moves = [], []
     for i, (hypothesis, x) in enumerate(model.parts):
         for j, c in enumerate(hypothesis.coordinates):
-            step = LOG_STEP if c.logarithmic else STRENGTH_STEP * (abs(x[j]) or 1.0)
+            step = share * (LOG_STEP if c.logarithmic else STRENGTH_STEP * (abs(x[j]) or 1.0))
             if c.clipped(x[j] + step) != x[j] + step:
                 step = -step
             specs = model.moved(i, [v + step * (k == j) for k, v in enumerate(x)])
             names.append(f"{hypothesis.effect}.{c.label} {hypothesis.place}".strip())
-            moves.append((specs, model.overrides, step))
+            moves.append((specs, model.settled, step))
     for name, value in model.overrides.items():
         names.append(name)
-        moves.append((model.specs, {**model.overrides, name: value * np.exp(LOG_STEP)}, LOG_STEP))
+        moved = {**model.settled, name: value * np.exp(share * LOG_STEP)}
+        moves.append((model.specs, moved, share * LOG_STEP))
     return names, moves
 
 
 def _column(
-    case: Case, ref: Sequence[np.ndarray], specs: list, overrides: dict, step: float
+    case: Case, ref: Sequence[np.ndarray], specs: list, overrides: dict, step: float, coarse: bool
 ) -> np.ndarray:
     """Change of all residuals per unit of a coordinate, (N,)."""
-    moved = case.whitened(specs, overrides)
+    moved = case.whitened(specs, overrides, coarse=coarse)
     change = identify.pack([a - b for a, b in zip(moved, ref, strict=True)])
     return np.clip(change, -case.cap, case.cap) / step
