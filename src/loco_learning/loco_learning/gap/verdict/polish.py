@@ -22,7 +22,7 @@ STEPS = 8  # most steps, each with derivatives of its own (taste)
 SHARES = (1.0, 0.5, 0.25, 0.1, 0.03)  # tried shares of a step
 
 
-def polished(case: Case, model: Fitted) -> Fitted:
+def polish(case: Case, model: Fitted) -> Fitted:
     """The model at a lower cost of the fitted rows; itself if no step leads lower.
 
     Args:
@@ -55,8 +55,8 @@ def polished(case: Case, model: Fitted) -> Fitted:
         for share in SHARES:
             ahead = z + share * step
             one = _moved(case, model, ahead)
-            bent = residual(one) - residual(best) - both @ (share * step)
-            other = _moved(case, model, ahead - covariance @ (both.T @ (weight * bent)))
+            curved = residual(one) - residual(best) - both @ (share * step)
+            other = _moved(case, model, ahead - covariance @ (both.T @ (weight * curved)))
             lower = min(one, other, key=cost)
             if cost(lower) < cost(best) - 0.5 * MIN_GAIN:
                 break
@@ -78,9 +78,9 @@ def _moved(case: Case, model: Fitted, z: np.ndarray) -> Fitted:
         moved = [c.clipped(float(next(left))) for c in hypothesis.coordinates]
         parts.append((hypothesis, tuple(moved)))
     at = np.clip([*left], *case.loose.reach)
-    whole, values, pull, starts = case.simulated(specs_of(parts), model.overrides, at)
-    rms = evidence.rms(case.masked(whole, range(len(whole)), held=False))
+    residuals, values, pull, starts = case.simulated(specs_of(parts), model.overrides, at)
+    rms = evidence.rms(case.masked(residuals, range(len(residuals)), held=False))
     return replace(
-        model, parts=tuple(parts), fit_rms=rms, held=case.judged(whole), whole=tuple(whole),
+        model, parts=tuple(parts), fit_rms=rms, held=case.judged(residuals), whole=tuple(residuals),
         loose=values, pull=pull, starts=starts,
     )  # fmt: skip

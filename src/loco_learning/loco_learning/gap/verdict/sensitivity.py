@@ -83,15 +83,14 @@ def columns(
 
     def by(share: float) -> tuple[np.ndarray, tuple[np.ndarray, np.ndarray]]:
         coarse = share < 1.0 and case.quickly(model.specs)
-        kept = case.kept()
-        reference = kept.whitened(model.specs, model.settled, coarse=coarse)
-        matrix = np.stack(
-            [_column(kept, reference, *move, coarse) for move in _moves(model, share)[1]], axis=1
-        )
+        reference = fixed.whitened(model.specs, model.settled, coarse=coarse)
+        moves = _moves(model, share)[1]
+        matrix = np.stack([_column(fixed, reference, *move, coarse) for move in moves], axis=1)
         if not wider:
             return matrix, doubt.none(len(matrix))
         return matrix, doubt.columns(case, model, share, coarse or share == 1.0)
 
+    fixed = case.kept()
     effects, (values, at) = by(1.0)
     if not wider or case.ground or case.rounds:
         return effects, (values, at)
