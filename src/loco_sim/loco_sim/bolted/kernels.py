@@ -8,7 +8,7 @@ import numpy as np
 from ..drives.actuators import COMMANDS
 from ..drives.servo_kernels import INTEGRAL, ROTOR, SPIN
 from ..effects.laws import budgets, copy_rows, joint_torques
-from ..effects.rows import GAIN, LIMIT, ON_MOTOR, SAG, SPEED_LINE
+from ..effects.rows import GAIN, HYSTERESIS, LIMIT, ON_MOTOR, SAG, SPEED_LINE
 from ..jit import kernel, njit
 from ..multibody.dynamics import advance, workshop
 from ..world.braking import split
@@ -30,6 +30,16 @@ def run(inputs, out, memory_log):
 
 
 @kernel
+def load(plan, joint, memory, needed):
+    """Tell hysteresis the torques that its joints need in their initial motion, if known, (n,)."""
+    for k in range(len(plan)):
+        if plan[k, 0] == HYSTERESIS:
+            for r in range(plan[k, 1], plan[k, 2]):
+                if np.isfinite(needed[joint[r]]):
+                    memory[r, 1], memory[r, 2] = 1.0, needed[joint[r]]
+
+
+@kernel
 def simulate(inputs, out, memory_log, workspace):
     """Simulate pieces of a command sequence, each from its own initial state, until one diverges.
 
@@ -41,7 +51,7 @@ def simulate(inputs, out, memory_log, workspace):
     """
     tree, order, gravity, segments, starts, targets, which, power = inputs[:8]
     drives, springs, rotors, change, brakes, pulls, stop_ratio, dt = inputs[8:]
-    plan, _, const, memory, line = change
+    plan, joint, const, memory, line = change
     brake_plan, brake_joint, brake_const = brakes[:3]
     n, steps = out.shape[2], len(which) // out.shape[0]
     (q, dq, push, state, mean), motors, brake_work, work = workspace
@@ -60,6 +70,7 @@ def simulate(inputs, out, memory_log, workspace):
             rotors[i, INTEGRAL] = starts[w, 2, i]
         memory[:] = 0.0
         line[:] = 0.0
+        load(plan, joint, memory, starts[w, 3])
         step = segments[w, 0] * steps
         for row in range(segments[w, 0], segments[w, 1]):
             finite = True

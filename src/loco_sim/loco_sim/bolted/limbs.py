@@ -31,7 +31,7 @@ class RunInputs(NamedTuple):
         order: Index among the robot's joints of each joint of the tree, (n,).
         gravity: Acceleration of gravity [m/s²], (3,).
         segments: First row of each piece and the row after its last, (w, 2).
-        starts: Initial state of each piece as in `loop.Segments`, in the robot's order, (w, 3, n).
+        starts: Initial state of each piece as in `loop.Segments`, in the robot's order, (w, 4, n).
         targets: Commands as in `actuators.drive_torques`, in the robot's order, (k, COMMANDS, n).
         which: Row of `targets` for each physics step, (T * steps,).
         power: Supply and switch of each row, (T, 2).

@@ -56,7 +56,9 @@ class Segments(NamedTuple):
     """Sections of a run, each with its own initial state."""
 
     rows: np.ndarray  # first row of each piece and the row after its last, (w, 2) integers
-    starts: np.ndarray  # initial positions, velocities, torques of integrators, (w, 3, n)
+    # Initial positions, velocities, torques of integrators, and torques that the initial motion needs,
+    # (w, 4, n); without the last, or where they are NaN, hysteresis begins unloaded.
+    starts: np.ndarray
 
 
 class Bolted:
@@ -199,6 +201,9 @@ class Bolted:
         if segments is None:
             q, dq = (self.robot.standing, none[0]) if start is None else start
             segments = Segments(np.array([[0, rows]]), np.array([[q, dq, none[0]]], dtype=float))
+        if segments.starts.shape[1] < 4:
+            unknown = np.full((len(segments.rows), 1, n), np.nan)
+            segments = segments._replace(starts=np.hstack([segments.starts, unknown]))
         stop_speed = np.zeros((len(segments.rows), n))
         for row, q in enumerate(segments.starts[:, 0] if len(brakes.plan) else ()):
             stop_speed[row] = braking.stopped_per_torque(self.inertia(q), self.physics_dt)

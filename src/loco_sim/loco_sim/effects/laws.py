@@ -275,9 +275,15 @@ def end_stop(first, last, joint, const, memory, tau, q, dq, dt):
 
 @kernel
 def hysteresis(first, last, joint, const, memory, tau, q, dq, dt):
-    """Law stroke dz/dt = dq - |dq| z, tau <- tau - T z; const: T, stroke. memory: z."""
+    """Law stroke dz/dt = dq - |dq| z, tau <- tau - T z; const: T, stroke.
+
+    memory: z, whether it begins with the torque that is left of tau, and the torque that is needed.
+    """
     for r in range(first, last):
         j = joint[r]
+        if memory[r, 1] != 0.0:
+            held = (tau[j] - memory[r, 2]) / const[r, 0]
+            memory[r, 0], memory[r, 1] = min(max(held, -1.0), 1.0), 0.0
         side = 1.0 if dq[j] > 0.0 else -1.0
         fade = exp(-abs(dq[j]) * dt / const[r, 1])
         memory[r, 0] = side + (memory[r, 0] - side) * fade

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from collections import OrderedDict
 from copy import copy
 from dataclasses import replace
 
@@ -134,6 +135,36 @@ def test_an_effect_is_told_from_what_an_integrator_holds(lifted):
     case = lifted(137, rubs)
     assert evidence.rms(case.suited([], {})[0]) > 5.0
     assert evidence.rms(case.relined(rubs).suited(rubs, {})[0]) < 1.2
+
+
+@pytest.mark.parametrize(
+    ("first", "most", "unloaded"), [(320, 1.3, 10.0), (150, 2.5, 3.0)], ids=["at rest", "moving"]
+)  # a moving joint's acceleration is known less well
+def test_friction_that_springs_back_holds_a_joint_when_a_record_begins(
+    first, most, unloaded, tmp_path
+):
+    """A rod that comes to rest where its drive does not want it stays there until it is moved."""
+    urdf = (robot.load("servo_pendulum").folder / "servo_pendulum.urdf").read_text()
+    (tmp_path / "rod.urdf").write_text(urdf)
+    about = {"urdf": "rod.urdf", "joints": ["pivot"], "fixed_base": True, "standing": [0.0],
+             "control_rate": 100,
+             "drives": {"pivot": {"kind": "impedance", "kp": 8.0, "kd": 0.6}}}  # fmt: skip
+    (tmp_path / "robot.yaml").write_text(yaml.safe_dump(about))
+    model, t = Model(str(tmp_path)), np.arange(800) / 100.0
+    told = 0.5 + 0.3 * np.sin(4.0 * np.where(t < 3.0, t, np.maximum(t - 1.0, 3.0)))
+    rubs = [{"name": "hysteresis", "torque": 0.4, "stroke": 0.1}]
+    empty = Record(
+        "r", t, {"position": told[:, None]}, ("pivot",), {"q": told[:, None]}, ("pivot",)
+    )
+    (q,) = Forward(model, [empty])(rubs, step=1 / 8)
+    noise = 1e-4 * np.random.default_rng(1).standard_normal(q.shape)
+    record = replace(empty, signals={"q": q + noise}).rows(first, first + 400)
+    case = cases.prepare(Forward(model, [record]), [record], [])
+    other = replace(case, forward=copy(case.forward), loose=None)
+    other.forward._runs = OrderedDict()
+    other.forward._starts = [[s._replace(needed=np.nan) for s in case.forward.starts[0]]]
+    assert evidence.rms(case.relined(rubs).kept().whitened(rubs)) < most
+    assert evidence.rms(other.bare(rubs)) > unloaded
 
 
 def test_deviations_stay_within_what_is_believed():

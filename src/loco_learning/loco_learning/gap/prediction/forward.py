@@ -532,17 +532,22 @@ def with_integrals(
     starts: list[Start],
     loaded: bool = True,
 ) -> list[Start]:
-    """Initial states with the integrators of the drives as the measured motion needs them.
+    """Initial states with integrators of drives, and friction, as the measured motion needs them.
 
-    At the first sample they are as inverse dynamics says if `loaded`, else 0; where later pieces
-    begin, as the drives on the measured motion have changed them since.
+    At the first sample integrators are as inverse dynamics says if `loaded`, else 0; where later
+    pieces begin, as the drives on the measured motion have changed them since. Friction that
+    springs back holds what drives and springs of a whole record do not give (`Start.needed`).
     """
-    if not running.integral_limits(robot).any():
+    integrates = running.integral_limits(robot).any()
+    begins = bool(starts) and (starts[0].row, starts[0].stop) == (0, len(record.t))
+    if not integrates and not (begins and robot.fixed_base):
         return starts
     dt, state = running.period(record), windows.first_state(record, robot)
     first = running.integrals(robot, commands, dt, state) if loaded else np.zeros(len(robot.joints))
-    if not starts or (starts[0].row, starts[0].stop) == (0, len(record.t)):
-        return [Start(0, len(record.t), *state[:2], integral=first)] if robot.fixed_base else starts
+    if begins or not starts:
+        begin = starts[0] if begins and not integrates else Start(0, len(record.t), *state[:2])
+        held = begin._replace(integral=first, needed=running.needed(robot, dt, state))
+        return [held] if robot.fixed_base else starts
     motion = np.stack([bridged(each) for each in windows.joint_states(record, robot)])
     along = running.integrals_along(robot, commands, dt, motion, first)
     return [s._replace(integral=along[s.row]) for s in starts]

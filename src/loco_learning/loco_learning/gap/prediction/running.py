@@ -33,6 +33,7 @@ class Start(NamedTuple):
     dq: np.ndarray  # joint velocities, (n,)
     base: Base | None = None  # None: as after a reset
     integral: np.ndarray | float = 0.0  # torques of the integrators [N·m or N], (n,)
+    needed: np.ndarray | float = math.nan  # torques of the measured motion [N·m or N], (n,)
 
 
 def period(record: Record) -> float:
@@ -114,17 +115,30 @@ def integrals(robot: Robot, commands: CommandSequence, dt: float, state: np.ndar
     Returns:
         (n,), within `integral_limits`.
     """
-    limit = integral_limits(robot)
-    if needs_engine(robot):
+    limit, moving = integral_limits(robot), needed(robot, dt, state)
+    if not np.isfinite(moving).all():
         return np.zeros(len(limit))
-    plant = Bolted(robot, (), 0, dt)
-    moved, weight = plant.needed(*state[:, None])
-    loops = Actuators(robot, plant.physics_dt)
+    loops = Actuators(robot, dt / steps_in(dt, robot.sim.physics_rate))
     loops.limit(np.full(len(limit), np.inf))
     loops.reset(state[0])
     loops.follow(*robot.coupled(commands.q[0], commands.dq[0]))
     demand = np.add(loops.torque(*state[:2]), commands.tau[0])
-    return np.clip(moved[0] + weight[0] @ plant.gravity - demand, -limit, limit)
+    return np.clip(moving - demand, -limit, limit)
+
+
+def needed(robot: Robot, dt: float, state: np.ndarray) -> np.ndarray:
+    """Torques of a motion by inverse dynamics [N·m or N], (n,); NaN if the robot needs the engine.
+
+    Args:
+        robot: The robot.
+        dt: Time between rows [s].
+        state: Joint positions, velocities and accelerations, (3, n).
+    """
+    if needs_engine(robot):
+        return np.full(state.shape[1], np.nan)
+    plant = Bolted(robot, (), 0, dt)
+    moved, weight = plant.needed(*state[:, None])
+    return moved[0] + weight[0] @ plant.gravity
 
 
 def integrals_along(
@@ -178,7 +192,7 @@ def run(
     segments = None
     if starts:
         rows = np.array([[s.row, s.stop] for s in starts])
-        states = [np.broadcast_arrays(s.q, s.dq, s.integral) for s in starts]
+        states = [np.broadcast_arrays(s.q, s.dq, s.integral, s.needed) for s in starts]
         segments = Segments(rows, np.array(states, dtype=float))
     plant = Bolted(robot, noiseless, 0, dt)
     with np.errstate(over="ignore", invalid="ignore"):
