@@ -13,7 +13,17 @@ from ..jit import kernel, njit
 from ..multibody.dynamics import advance, workshop
 from ..world.braking import split
 
-MADE_OF = "ea72556bfdab"  # of the called kernels, see tests/loco_sim/test_kernel_caches.py
+MADE_OF = "d31fd89f7f00"  # of the called kernels, see tests/loco_sim/test_kernel_caches.py
+
+
+@kernel
+def load(plan, joint, memory, needed):
+    """Tell hysteresis the torques that its joints need in their initial motion, if known, (n,)."""
+    for k in range(len(plan)):
+        if plan[k, 0] == HYSTERESIS:
+            for r in range(plan[k, 1], plan[k, 2]):
+                if np.isfinite(needed[joint[r]]):
+                    memory[r, 1], memory[r, 2] = 1.0, needed[joint[r]]
 
 
 @njit(error_model="numpy")
@@ -27,16 +37,6 @@ def run(inputs, out, memory_log):
         workshop(n),
     )
     simulate(inputs, out, memory_log, workspace)
-
-
-@kernel
-def load(plan, joint, memory, needed):
-    """Tell hysteresis the torques that its joints need in their initial motion, if known, (n,)."""
-    for k in range(len(plan)):
-        if plan[k, 0] == HYSTERESIS:
-            for r in range(plan[k, 1], plan[k, 2]):
-                if np.isfinite(needed[joint[r]]):
-                    memory[r, 1], memory[r, 2] = 1.0, needed[joint[r]]
 
 
 @kernel

@@ -56,8 +56,8 @@ class Segments(NamedTuple):
     """Sections of a run, each with its own initial state."""
 
     rows: np.ndarray  # first row of each piece and the row after its last, (w, 2) integers
-    # Initial positions, velocities, torques of integrators, and torques that the initial motion needs,
-    # (w, 4, n); without the last, or where they are NaN, hysteresis begins unloaded.
+    # Initial positions, velocities, torques of integrators, and torques that the initial motion
+    # needs, (w, 4, n); without the last, or where they are NaN, hysteresis begins unloaded.
     starts: np.ndarray
 
 

@@ -17,7 +17,7 @@ from ..jit import njit
 from ..world.hinges import torque as hinge_torque
 from .sensing import BASE
 
-MADE_OF = "8f5ad4777916"  # of the kernels called here: see tests/loco_sim/test_kernel_caches.py
+MADE_OF = "9e80ea94336e"  # of the kernels called here: see tests/loco_sim/test_kernel_caches.py
 
 
 @intrinsic

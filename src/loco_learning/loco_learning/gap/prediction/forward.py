@@ -539,15 +539,15 @@ def with_integrals(
     springs back holds what drives and springs of a whole record do not give (`Start.needed`).
     """
     integrates = running.integral_limits(robot).any()
-    begins = bool(starts) and (starts[0].row, starts[0].stop) == (0, len(record.t))
-    if not integrates and not (begins and robot.fixed_base):
+    complete = bool(starts) and (starts[0].row, starts[0].stop) == (0, len(record.t))
+    if not integrates and not (complete and robot.fixed_base):
         return starts
     dt, state = running.period(record), windows.first_state(record, robot)
     first = running.integrals(robot, commands, dt, state) if loaded else np.zeros(len(robot.joints))
-    if begins or not starts:
-        begin = starts[0] if begins and not integrates else Start(0, len(record.t), *state[:2])
-        held = begin._replace(integral=first, needed=running.needed(robot, dt, state))
-        return [held] if robot.fixed_base else starts
+    if complete or not starts:
+        initial = starts[0] if complete and not integrates else Start(0, len(record.t), *state[:2])
+        loaded_start = initial._replace(integral=first, needed=running.needed(robot, dt, state))
+        return [loaded_start] if robot.fixed_base else starts
     motion = np.stack([bridged(each) for each in windows.joint_states(record, robot)])
     along = running.integrals_along(robot, commands, dt, motion, first)
     return [s._replace(integral=along[s.row]) for s in starts]

@@ -118,7 +118,7 @@ def integrals(robot: Robot, commands: CommandSequence, dt: float, state: np.ndar
     limit, moving = integral_limits(robot), needed(robot, dt, state)
     if not np.isfinite(moving).all():
         return np.zeros(len(limit))
-    loops = Actuators(robot, dt / steps_in(dt, robot.sim.physics_rate))
+    loops = Actuators(robot, step(robot, dt))
     loops.limit(np.full(len(limit), np.inf))
     loops.reset(state[0])
     loops.follow(*robot.coupled(commands.q[0], commands.dq[0]))

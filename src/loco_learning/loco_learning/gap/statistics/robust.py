@@ -78,8 +78,8 @@ def half_widths(
         return widths
     fit, free = j[:, :count][:, live], np.concatenate([j[:, :count][:, live], j[:, count:]], 1)
     prior = np.diag([0.0] * fit.shape[1] + [1.0] * (free.shape[1] - fit.shape[1]))
-    own, joint = inverse(fit.T @ fit), inverse(free.T @ free + prior)
-    pulls = np.array([own @ (fit[groups == k].T @ r[groups == k]) for k in keys])
+    alone, joint = inverse(fit.T @ fit), inverse(free.T @ free + prior)
+    pulls = np.array([alone @ (fit[groups == k].T @ r[groups == k]) for k in keys])
     variance = len(keys) / (len(keys) - 1.0) * np.square(pulls).sum(0)
     pull = free.T @ r
     pull[fit.shape[1] :] += 0.0 if at is None else at

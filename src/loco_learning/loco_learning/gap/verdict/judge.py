@@ -28,7 +28,7 @@ from ..statistics.leftover import has_gap
 from . import stable, traded
 from .decide import NAMED, NO_GAP, PARTLY, UNKNOWN, Decision, References, closes, decide
 from .estimates import Estimate, absent, alarms
-from .polish import polish
+from .gauss_newton import gauss_newton
 from .rivals import RIVAL_NAMES, leading, look_alike_names, select
 from .sensitivity import sensitivities
 
@@ -216,7 +216,7 @@ class Judgement:
             keys = [h.key for h, _ in model.parts if h.key not in uncertain]
             smaller = self.fits.get(" + ".join(sorted(keys)))
             if not uncertain or not keys or smaller is None:
-                model = polish(self.case.corrected(model.specs, model.overrides), model)
+                model = gauss_newton(self.case.corrected(model.specs, model.overrides), model)
                 return model, *self._sensitivities(model), uncertain
             model = smaller
 

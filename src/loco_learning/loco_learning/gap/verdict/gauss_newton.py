@@ -22,7 +22,7 @@ STEPS = 8  # most steps, each with derivatives of its own (taste)
 SHARES = (1.0, 0.5, 0.25, 0.1, 0.03)  # tried shares of a step
 
 
-def polish(case: Case, model: Fitted) -> Fitted:
+def gauss_newton(case: Case, model: Fitted) -> Fitted:
     """The model at a lower cost of the fitted rows; itself if no step leads lower.
 
     Args:

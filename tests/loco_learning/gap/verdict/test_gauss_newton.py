@@ -11,7 +11,7 @@ import pytest
 
 from loco_learning.gap.statistics import evidence
 from loco_learning.gap.verdict import sensitivity
-from loco_learning.gap.verdict.polish import polish
+from loco_learning.gap.verdict.gauss_newton import gauss_newton
 
 from ..laws import COULOMB, fitted
 
@@ -72,7 +72,7 @@ def at(case, mass):
 @pytest.mark.parametrize("start", [-1.5, -0.5, 1.0, 2.0])
 def test_a_fit_comes_to_the_lowest_point_of_a_bent_valley(start):
     case = Valley()
-    best = polish(case, at(case, start))
+    best = gauss_newton(case, at(case, start))
     true = 1.0 + 0.5 * 0.3 + BEND * 0.3**2
     assert best.specs[0]["torque"] == pytest.approx(0.05 * true, rel=0.02)
     (strength,) = sensitivity.sensitivities(case, best, wider=True)[0][COULOMB.key]
@@ -82,8 +82,8 @@ def test_a_fit_comes_to_the_lowest_point_of_a_bent_valley(start):
 
 def test_a_fit_that_is_at_the_lowest_point_stays_there():
     case = Valley()
-    best = polish(case, at(case, 0.3))
-    again = polish(case, best)
+    best = gauss_newton(case, at(case, 0.3))
+    again = gauss_newton(case, best)
     assert again.parts == best.parts and again.loose == best.loose
 
 
