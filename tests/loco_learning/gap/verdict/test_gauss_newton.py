@@ -13,10 +13,11 @@ from loco_learning.gap.statistics import evidence
 from loco_learning.gap.verdict import sensitivity
 from loco_learning.gap.verdict.gauss_newton import gauss_newton
 
-from ..laws import COULOMB, fitted
+from ..laws import COULOMB, TORQUE, fitted, hypothesis
 
 ROWS, BEND, SPREAD, FIT = 500, 0.2, 0.02, 400
 TIME = np.linspace(0.0, 20.0, ROWS)
+BIAS = hypothesis("torque_bias", TORQUE)
 NOISE = np.random.default_rng(3).normal(size=ROWS)
 
 
@@ -61,10 +62,10 @@ class Valley:
         return self.whitened(specs, values), values, 0.5 * float(at @ at), ()
 
 
-def at(case, mass):
+def at(case, mass, law=BIAS):
     """The model on the bottom of the valley at a mass [deviations]."""
     size = 1.0 + 0.5 * mass + BEND * mass**2
-    one = replace(fitted(COULOMB), parts=((COULOMB, (size,)),))
+    one = replace(fitted(law), parts=((law, (size,)),))
     whole, values, pull, _ = case.simulated(one.specs, {}, np.array([mass]))
     return replace(one, whole=tuple(whole), loose=values, pull=pull)
 
@@ -75,7 +76,7 @@ def test_a_fit_comes_to_the_lowest_point_of_a_bent_valley(start):
     best = gauss_newton(case, at(case, start))
     true = 1.0 + 0.5 * 0.3 + BEND * 0.3**2
     assert best.specs[0]["torque"] == pytest.approx(0.05 * true, rel=0.02)
-    (strength,) = sensitivity.sensitivities(case, best, wider=True)[0][COULOMB.key]
+    (strength,) = sensitivity.sensitivities(case, best, wider=True)[0][BIAS.key]
     assert strength.low < 0.05 * true < strength.high
     assert strength.high - strength.low < 0.2 * 0.05
 
@@ -85,6 +86,12 @@ def test_a_fit_that_is_at_the_lowest_point_stays_there():
     best = gauss_newton(case, at(case, 0.3))
     again = gauss_newton(case, best)
     assert again.parts == best.parts and again.loose == best.loose
+
+
+def test_a_fit_of_dry_friction_which_has_no_derivatives_stays():
+    case = Valley()
+    friction = at(case, -0.5, COULOMB)
+    assert gauss_newton(case, friction) is friction
 
 
 def test_columns_are_derivatives_unless_the_response_has_steps():
@@ -107,7 +114,7 @@ def test_rows_that_were_not_fitted_make_no_size_surer():
         np.where((np.arange(ROWS)[:, None] >= FIT // 10) == held, r, np.nan) for r in residuals
     ]
     wide, known = (
-        sensitivity.sensitivities(each, at(each, 0.3), wider=True)[0][COULOMB.key][0]
+        sensitivity.sensitivities(each, at(each, 0.3), wider=True)[0][BIAS.key][0]
         for each in (short, case)
     )
     assert wide.high - wide.low > 1.5 * (known.high - known.low)

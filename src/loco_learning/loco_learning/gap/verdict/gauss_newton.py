@@ -16,7 +16,7 @@ from ..fitting.fit import Fitted, specs_of
 from ..prediction.case import Case
 from ..statistics import evidence, identify
 from ..statistics.solve import MIN_GAIN
-from .sensitivity import columns
+from .sensitivity import columns, is_smooth
 
 STEPS = 8  # most steps, each with derivatives of its own (taste)
 SHARES = (1.0, 0.5, 0.25, 0.1, 0.03)  # tried shares of a step
@@ -29,7 +29,9 @@ def gauss_newton(case: Case, model: Fitted) -> Fitted:
         case: Model and data, with the step error of the model.
         model: Fitted model.
     """
-    if model.overrides or not (model.parts and model.loose and case.bends) or case.rounds:
+    if model.overrides or not (model.parts and model.loose and case.bends):
+        return model
+    if not is_smooth(case, model):
         return model
     used = [np.isfinite(r) for r in case.masked(model.whole, range(len(model.whole)), held=False)]
     weight = np.where(identify.pack(used), identify.weights(model.score), 0.0)

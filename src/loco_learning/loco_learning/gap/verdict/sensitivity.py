@@ -74,6 +74,7 @@ def columns(
     """Change of all residuals per unit of each coordinate, (N, P), and `doubt.columns`.
 
     Where values of the robot are in doubt, a column is the derivative, if residuals have one.
+    Those of effects with thresholds and dry friction, which act in jumps, have none.
 
     Args:
         case: Model and data.
@@ -92,10 +93,16 @@ def columns(
 
     fixed = case.kept()
     effects, (values, at) = by(1.0)
-    if not wider or case.ground or case.rounds:
+    if not (wider and is_smooth(case, model)):
         return effects, (values, at)
     narrow = by(NARROW)
     return _smooth(narrow[0], effects), (_smooth(narrow[1][0], values), at)
+
+
+def is_smooth(case: Case, model: Fitted) -> bool:
+    """True if no contact, rounded encoder or effect of the model acts in jumps."""
+    effects = all(EFFECTS[hypothesis.effect].identity.smooth for hypothesis, _ in model.parts)
+    return effects and not case.ground and not case.rounds
 
 
 def _smooth(narrow: np.ndarray, wide: np.ndarray) -> np.ndarray:
