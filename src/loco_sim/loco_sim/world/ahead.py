@@ -6,8 +6,6 @@ One step of the motion is solved with the mass matrix and the engine's latest co
     (M + dt D) v' = M v + dt (tau + wanted - c) + J' f,    J v' >= 0 _|_ f, within friction,
 
 with D the damping gains and c the bias forces (gravity, Coriolis and centrifugal).
-
-As in `bolted.kernels`, the cache of `stepped` holds names of tuples and of their modules.
 """
 
 from __future__ import annotations
