@@ -216,7 +216,8 @@ def test_a_stopped_node_is_named_as_the_one_that_owes_the_tick(tmp_path):
 
 def test_late_commands_are_named_as_time_outs(tmp_path):
     changes = {"duration": 60.0}
-    with Graph("servo_pendulum_sine", tmp_path / "g", changes, "processes", "realtime") as graph:
+    options = {"layout": "processes", "clock": "realtime"}
+    with Graph("servo_pendulum_sine", tmp_path / "g", changes, **options) as graph:
         pid = graph.pid("reflex_network")
         os.kill(pid, signal.SIGSTOP)
         found, _ = look(3.0, until=lambda found: "time-out" in named(found))
