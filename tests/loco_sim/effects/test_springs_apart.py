@@ -61,17 +61,22 @@ def stepped(bench, listed, on, compiled):
         sim.power(1.0, on)
         for k in range(STEPS):
             trunk = TrunkTorque(k, 0.0, np.zeros(1), np.zeros(6), np.ones(0, bool))
-            sim.step(MotionCommand(k, 0.0, np.zeros(1), np.zeros(1)), trunk)
-            yield sim.true_q[0], sim.true_dq[0]
+            state = sim.step(MotionCommand(k, 0.0, np.zeros(1), np.zeros(1)), trunk)
+            yield sim.true_q[0], sim.true_dq[0], state.tau[0]
 
 
 def run(path, bench, listed=(), on=1.0):
     """Positions and velocities of the joint, let go where its spring is bent, (T, 2)."""
+    return readings(path, bench, listed, on)[:, :2]
+
+
+def readings(path, bench, listed=(), on=1.0):
+    """As `run`, with the measured torque, (T, 3)."""
     if path == "bolted":
         power, nothing = np.full((STEPS, 2), (1.0, on)), np.zeros((STEPS, 1))
         start = np.array([BEGIN]), np.zeros(1)
         found = Bolted(bench, listed).run(nothing, start=start, power=power)
-        return np.column_stack([found.q, found.dq])
+        return np.column_stack([found.q, found.dq, found.tau])
     return np.array(list(stepped(bench, listed, on, path == "compiled")))
 
 
@@ -121,6 +126,22 @@ def test_a_motor_that_gives_half_beside_a_spring_is_a_drive_of_half_the_gains(pa
     wanted = run(path, sprung("spring_mass", half, path))
     np.testing.assert_allclose(found, wanted, atol=1e-9)
     assert np.abs(found - run(path, sprung("spring_mass", IMPEDANCE, path))).max() > 1e-3
+
+
+@pytest.mark.parametrize("path", PATHS)
+@pytest.mark.parametrize("effect", ["added_stiffness", "hysteresis", "end_stop", "torque_bias"])
+def test_a_motor_current_tells_nothing_of_springs_and_effects_beside_the_drive(effect, path):
+    joint = sprung("spring_mass", IMPEDANCE, path)
+    motor = replace(joint, motor_torque=True)
+    alone, beside = readings(path, motor, on=0.0), readings(path, joint, on=0.0)
+    assert not alone[1:, 2].any(), "the motor is off"
+    assert np.abs(beside[1:, 2]).max() > 0.5, "the spring pulls"
+    listed = [clear(effect)]
+    found, wanted = readings(path, motor, listed), readings(path, joint, listed)
+    assert found[:, :2].tobytes() == wanted[:, :2].tobytes(), "the motion is the same"
+    assert np.abs(found[1:, 2] - wanted[1:, 2]).max() > 0.5
+    wound = IMPEDANCE.kp * found[:, 0] + IMPEDANCE.kd * found[:, 1]
+    assert np.corrcoef(-wound[1:], found[1:, 2])[0, 1] > 0.99, "what the drive does, no more"
 
 
 def test_a_motor_that_gives_half_is_exported_beside_its_spring(tmp_path):

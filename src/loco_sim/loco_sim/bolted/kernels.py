@@ -50,7 +50,7 @@ def simulate(inputs, out, memory_log, workspace):
         workspace: Work arrays, from `run`.
     """
     tree, order, gravity, segments, starts, targets, which, power = inputs[:8]
-    drives, springs, rotors, change, brakes, pulls, stop_ratio, dt = inputs[8:]
+    drives, springs, rotors, change, brakes, pulls, stop_ratio, motor_torque, dt = inputs[8:]
     plan, joint, const, memory, line = change
     brake_plan, brake_joint, brake_const = brakes[:3]
     n, steps = out.shape[2], len(which) // out.shape[0]
@@ -91,7 +91,7 @@ def simulate(inputs, out, memory_log, workspace):
                     state[order[i]], state[n + order[i]] = q[i], dq[i]
                 joint_torques(step, dt, supply, driven, change, weakened, state, motors)
                 for i in range(n):
-                    mean[i] += tau[i]
+                    mean[i] += drive_tau[i] if motor_torque else tau[i]
                     push[i] = tau[order[i]]
                 if has_brakes:
                     budget[:] = 0.0

@@ -42,6 +42,7 @@ class RunInputs(NamedTuple):
         brakes: Laws of the friction effects.
         pulls: External forces.
         stop_ratio: Values of `braking.stopped_per_torque` per piece, in the robot's order, (w, n).
+        motor_torque: Whether the measured torques are those of the drives alone.
         dt: Physics step [s].
     """
 
@@ -60,6 +61,7 @@ class RunInputs(NamedTuple):
     brakes: Laws
     pulls: Pulls
     stop_ratio: np.ndarray
+    motor_torque: bool
     dt: float
 
     def of(self, limb: np.ndarray) -> RunInputs:
@@ -90,7 +92,7 @@ class RunInputs(NamedTuple):
         remaining = self._replace(targets=None, which=None, power=None)
         inputs = (*remaining, *self.tree, *self.change[:3], *self.brakes[:3], *self.pulls)
         arrays = [values for values in inputs if isinstance(values, np.ndarray)]
-        return commands + _hash(arrays, self.tree.fastest, self.dt)
+        return commands + _hash(arrays, self.tree.fastest, self.motor_torque, self.dt)
 
 
 def limb_indices(kin: np.ndarray) -> list[np.ndarray]:

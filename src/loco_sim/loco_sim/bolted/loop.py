@@ -221,7 +221,7 @@ class Bolted:
         drive = Actuators(self.robot, self.physics_dt)
         inputs = limbs.RunInputs(
             self._tree, self._order, self._pull, *segments, table, which, power, *drive.rows(),
-            change, brakes, forces, stop_speed, self.physics_dt,
+            change, brakes, forces, stop_speed, self.robot.motor_torque, self.physics_dt,
         )  # fmt: skip
         if needs_memory or self._couples_limbs(brakes):
             loop.run(inputs, out, memory_rows)

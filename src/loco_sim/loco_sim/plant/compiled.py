@@ -35,6 +35,7 @@ class Acting(NamedTuple):
     change: Laws  # laws of torques and motors
     brakes: Laws
     weakens: bool  # whether a law acts on motors
+    motor_torque: bool  # whether measured torques are those of the drives alone
     hinges: np.ndarray  # stiffness, damping and inertia of each sprung hinge, (h, 3)
     pulls: Pulls
     slips: tuple[np.ndarray, np.ndarray]  # step and shape, (c, 2), and new friction, (c,)
@@ -77,6 +78,7 @@ class Compiled:
             change,
             brakes,
             any(overrides(e, "on_motor") and np.any(e.rows[:, ON_MOTOR]) for e in acting),
+            world.robot.motor_torque,
             np.array(springs, float).reshape(-1, 3),
             laid_out(forces, frames, 0.0, self._dt),
             (np.zeros((0, 2), np.int64), np.zeros(0)),

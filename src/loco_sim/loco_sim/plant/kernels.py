@@ -73,7 +73,7 @@ def run(engine, drives, acting, commands, first, dt, memory_log, out):
             copy_rows(table[which[at]], command)
             joint_torques(step, dt, supply, drives, acting.change, acting.weakens, state, work)
             for i in range(n):
-                reading[2 * n + i] += tau[i]
+                reading[2 * n + i] += drive_tau[i] if acting.motor_torque else tau[i]
                 engine.tau[engine.dq_at[i]] = tau[i]
             if len(brake_plan):
                 budget[:] = 0.0

@@ -55,6 +55,7 @@ class Stepwise:
         self._on_torque, self._on_brake, self._on_step = schedules[3:]
         self._affected = any(schedules)
         self._joints = world.joint_states()
+        self._drive_tau = np.zeros(len(world.robot.joints))  # torques of drives after effects
 
     def period(self, before: np.ndarray, first: int) -> np.ndarray:
         """States before and after a control period, rows of `sensing.readings`, (2, …).
@@ -68,7 +69,8 @@ class Stepwise:
         """
         world, taus = self._world, []
         grf = [0.0] * (3 * len(world.robot.feet))
-        torque = self._affected_torque if self._affected else self._drive.torque
+        alone = world.robot.motor_torque
+        torque = self._affected_torque if self._affected or alone else self._drive.torque
         for step in range(first, first + self._steps):
             self._step = step
             if self._damped:
@@ -77,7 +79,7 @@ class Stepwise:
                 tau = torque(*self._joints)
                 world.step(tau)
                 self._joints = world.joint_states()
-            taus.append(tau)
+            taus.append(self._drive_tau if alone and not self._damped else tau)
             if self._mean or step == first + self._steps - 1:
                 world.add_ground_forces(grf)
         if self._mean:
@@ -100,17 +102,16 @@ class Stepwise:
         t = self._step * self._dt
         self._send_command(t)
         state = np.array(q), np.array(dq)
-        drive_tau: list[np.ndarray] = []  # drive torques after effects
 
         def changed(tau: np.ndarray) -> np.ndarray:
-            drive_tau.append(self._passed(self._on_drive, tau, *state, t))
-            return drive_tau[0]
+            self._drive_tau = self._passed(self._on_drive, tau, *state, t)
+            return self._drive_tau
 
         tau = self._drive.torque(q, dq, self._motors if self._on_motor else None, None, changed)
         if self._on_torque:
             tau = self._passed(self._on_torque, np.array(tau), *state, t).tolist()
         if self._on_brake:
-            self._brake(drive_tau[0], *state, t)
+            self._brake(self._drive_tau, *state, t)
         self._acted(t)
         return tau
 

@@ -90,6 +90,8 @@ class Robot:
         followers: Leader, factor and offset [rad or m] of each joint that follows another one
             (``<mimic>``), by name.
         mass: Mass of all links [kg].
+        motor_torque: Whether the measured torque of a joint is that of its drive alone, as a motor
+            current tells it; otherwise springs and effects on the joint are part of it.
         foot_of: Index in `feet` of the foot moved by each joint, (n,); -1 for a joint that
             moves none or several.
     """
@@ -121,6 +123,7 @@ class Robot:
     guessed: tuple[str, ...] = ()
     followers: dict[str, tuple[str, float, float]] = field(default_factory=dict, repr=False)
     mass: float = 0.0
+    motor_torque: bool = False
     foot_of: np.ndarray = field(default_factory=lambda: np.zeros(0, dtype=int), repr=False)
 
     @property

@@ -50,7 +50,8 @@ def recorded(robot: str, overrides: dict, effects: tuple = (), duration: float =
         said = {"torque": log.command}
     driven = tuple(plant.joints[i] for i in plant.driven)
     known = {key: value for key, value in overrides.items() if key in AIR}
-    return Record(robot, log.t, said, driven, signals, plant.joints, overrides=known)
+    about = {"overrides": known, "joint_torque": True}
+    return Record(robot, log.t, said, driven, signals, plant.joints, **about)
 
 
 @pytest.mark.pybullet
@@ -154,6 +155,22 @@ def test_a_robot_that_is_told_to_stay_has_come_to_rest_and_a_model_has_still_to(
     error = forward([pull])[0] - forward.measured[0]
     assert np.isnan(error[:49]).all()
     assert np.abs(error[50:]).max() < 0.05 * np.abs(forward([pull])[0][0] - said[200])
+
+
+def test_the_torque_of_a_motor_has_no_spring_beside_it_in_it_unless_loco_recorded_it():
+    t = np.arange(250) / 250.0
+    wanted = (0.05 * np.sin(6.0 * t))[:, None]
+    signals = {"q": wanted, "tau": wanted}
+    motor = Record("r", t, {"position": wanted}, ("slide",), signals, ("slide",))
+    spring = [{"name": "added_stiffness", "stiffness": 40.0}]
+    (alone,), (both,) = (
+        Forward(Model("linear_axis"), [record])(spring)
+        for record in (motor, replace(motor, joint_torque=True))
+    )
+    (q, by_motor), (same, by_joint) = alone[1:].T, both[1:].T
+    np.testing.assert_array_equal(q, same)
+    assert by_joint - by_motor == pytest.approx(-40.0 * q, abs=0.05)  # means of a period
+    assert np.abs(by_joint - by_motor).max() > 1.0
 
 
 def test_a_bolted_leg_that_has_sagged_begins_where_it_hangs():

@@ -220,6 +220,7 @@ def _from_bag(
             notes=notes,
             trust_units=rules.trust_units,
             simulated=step,
+            joint_torque=step > 0.0,
             mend=rules.mend,
             judge=judge,
         )

@@ -77,7 +77,7 @@ def record(
         trust_units: Whether to skip the checks for wrong units.
         judge: Whether to reject signals that are probably in a wrong unit; if not, `setup.family`
             reports them.
-        known: Attributes `role`, `overrides` and `simulated` of the record.
+        known: Attributes `role`, `overrides`, `simulated` and `joint_torque` of the record.
 
     Raises:
         ParameterError: The data contradict their description; see `checks`, `suspect`.

@@ -503,7 +503,7 @@ def _robot(model: Model, record: Record, overrides: Mapping[str, Any], step: flo
     limit = sim.damping_limit * step  # so that substeps are divided as well
     # The same damping scheme for all effects, so that models differ by their effects only.
     sim = sim.replace(physics_rate=rate, damping_limit=limit, implicit_damping=False)
-    return replace(robot, sim=sim)
+    return replace(robot, sim=sim, motor_torque=not record.joint_torque)
 
 
 def start(record: Record, robot: Robot) -> list[Start]:

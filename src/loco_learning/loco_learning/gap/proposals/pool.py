@@ -177,6 +177,7 @@ def record_of(log: Log, name: str = "") -> Record:
     return Record(
         name or log.experiment.name, log.t - log.t[0], command, driven,
         {k: np.array(v) for k, v in signals.items()}, robot.joints, overrides=overrides,
+        joint_torque=True,
     )  # fmt: skip
 
 

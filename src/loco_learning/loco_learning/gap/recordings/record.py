@@ -57,6 +57,8 @@ class Record:
             from even ones) [ms], number of missing samples, and longest silence [s].
         simulated: Physics step of the recorded simulation [s]; 0 for a real robot or if unknown.
         stepped: The same of another simulator, whose torques are those of an instant.
+        joint_torque: Whether measured torques are those of all that acts in a joint, as in
+            simulations of loco: of drive, springs and effects. Otherwise of the drive alone.
         unsure: Per kind of command, estimated error of an undersampled one, (T, m), in its unit;
             left out if all samples are known.
         guessed: Flags of values of joint signals that were not measured, as `signals`:
@@ -85,6 +87,7 @@ class Record:
     stamps: dict[str, dict[str, float]] = field(default_factory=dict)
     simulated: float = 0.0
     stepped: float = 0.0
+    joint_torque: bool = False
     unsure: dict[str, np.ndarray] = field(default_factory=dict)
     guessed: dict[str, np.ndarray] = field(default_factory=dict)
     moved: dict[str, np.ndarray] = field(default_factory=dict)

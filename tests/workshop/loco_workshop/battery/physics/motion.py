@@ -236,8 +236,8 @@ def torques(packed, hidden, memory, port, command, step, dt):
     for j in range(n):
         before = rate[ROTOR_V, j], rate[MOTOR_V, j]
         driving = _drive(j, packed, hidden, memory, load, t, dt)
+        memory.drive[j] = driving
         tau = driving + laws.elastic(state, j, packed.springs[j], packed.rest[j], hidden)
-        memory.drive[j] = tau
         tau += laws.strange(state, j, hidden, t) - packed.damping[j] * state[V, j]
         port.tau[j] = tau
         port.friction[j] = _budget(state[Q, j], state[V, j], driving, hidden, j, t)
