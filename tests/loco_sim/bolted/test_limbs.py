@@ -166,7 +166,7 @@ def orders() -> limbs.RunInputs:
         np.zeros((1, 2), int), rng.random((1, 2, 2)), rng.random((4, 4, 2)), np.arange(4),
         rng.random((4, 2)), rng.random((2, 9)), rng.random((2, 7)), rng.random((2, 2)), laws, laws,
         Pulls(np.zeros(1, int), np.zeros((1, 2), int), rng.random((1, 11))), rng.random((1, 2)),
-        0.001,
+        False, 0.001,
     )  # fmt: skip
 
 
