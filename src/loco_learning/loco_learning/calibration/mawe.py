@@ -81,7 +81,7 @@ def loss(name: str) -> Callable[..., tuple[float, float]]:
 def _errors(
     robot: np.ndarray, model: np.ndarray, period: float, window: float
 ) -> tuple[np.ndarray, float]:
-    """Mean absolute difference at each shift of -k … k samples, (2 k + 1,), and time between samples [s]."""
+    """Mean absolute difference at each shift of -k … k samples, (2 k + 1,), and its step [s]."""
     if robot.shape != model.shape or robot.ndim != 2 or not robot.size:
         raise ParameterError(f"periods of shapes {robot.shape} and {model.shape} do not compare")
     if not (np.all(np.isfinite(robot)) and np.all(np.isfinite(model))):

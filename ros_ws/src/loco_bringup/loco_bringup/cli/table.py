@@ -4,9 +4,9 @@
 A command consists of two functions. The first, in a module of ``cli/options``, adds the options
 to a parser and imports nothing slow, so that help and error messages appear quickly. What its
 docstring says below the first line is in the help. Its decorator names the second function as
-``module:function``, relative to this package (`loco_bringup`). Both functions of a command for
-developers are in ``tests/workshop`` of a clone. This one takes the parsed options and returns the exit code; its
-import loads everything that the command uses.
+``module:function``, relative to this package (`loco_bringup`). That function takes the parsed
+options and returns the exit code; its import loads everything that the command uses. Both functions
+of a command for developers are in ``tests/workshop`` of a clone.
 """
 
 from __future__ import annotations

@@ -18,7 +18,7 @@ from ...jobs.pool import Jobs
 from ..hypotheses.bundles import Batch
 from ..hypotheses.families import by_law
 from ..hypotheses.hypotheses import Hypothesis
-from ..prediction.case import Case
+from ..prediction.case import Case, are_smooth
 from ..statistics import evidence, noise
 from ..statistics.leftover import has_gap
 from .fit import Fitted, Setting, converge, fit, refine, rough_fit, weigh
@@ -284,8 +284,8 @@ class Search:
     def in_reach(self, model: Fitted, among: Sequence[Fitted] = ()) -> bool:
         """True if a model may come near the best one, of the search or `among`, by refinement."""
         lowest = min(self.energy(m) for m in (*self.fits.values(), *among, model))
-        smooth = all(EFFECTS[name].identity.smooth for name in model.names)
-        return not smooth or self.energy(model) + math.log(model.hope) <= lowest + IN_REACH
+        reached = self.energy(model) + math.log(model.hope) <= lowest + IN_REACH
+        return reached or not are_smooth(model.names)
 
     def _best(self, base: Fitted) -> str:
         """Name of the best model so far."""

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from typing import Any
@@ -27,6 +27,11 @@ MAX_LINEARISATIONS = 3  # linearisations, each about the last solution, until it
 SMALL = 0.2  # rms [floors] below which a change of the step or linearisation error is negligible
 N_SEGMENTS = 6  # pieces of each record in a sparse case (taste)
 CAP = 20.0  # bound on residuals, over the largest one of the initial model: beyond, a robot fell
+
+
+def are_smooth(effects: Iterable[str]) -> bool:
+    """True if none of the named effects acts in jumps, as dry friction and stops do."""
+    return all(EFFECTS[name].identity.smooth for name in effects)
 
 
 @dataclass
@@ -378,8 +383,7 @@ class Case:
 
         They do not where a joint sticks or hits a stop.
         """
-        smooth = all(EFFECTS[spec["name"]].identity.smooth for spec in specs)
-        return smooth and self.step_of(specs) < 1.0
+        return are_smooth(spec["name"] for spec in specs) and self.step_of(specs) < 1.0
 
     def corrected(self, specs: Sequence[Mapping], overrides: Mapping[str, Any]) -> Case:
         """The case with the step error of another model; itself if the change is negligible.

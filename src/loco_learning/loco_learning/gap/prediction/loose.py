@@ -429,23 +429,25 @@ def _about(
     """Copy with sensitivities about the deviations `at`, for a model with the given effects."""
     ref = case.bare(specs, loose.values(loose.at), coarse=True)
     responses: list[list[Response]] = [[] for _ in ref]  # by record
+
+    def add(of: Any, values: Mapping[str, float], step: float, moved: Sequence[bool]) -> None:
+        runs = of.bare(specs, values, coarse=True)
+        for found, new, old, is_moved in zip(responses, runs, ref, moved, strict=True):
+            if is_moved:
+                found.append(Response.of(np.nan_to_num(new - old) / step))
+
     for k in range(len(loose.at)):
-        moved = loose.at.copy()
-        moved[k] += PART if moved[k] <= 0.0 else -PART
-        shifted, step = case.bare(specs, loose.values(moved), coarse=True), moved[k] - loose.at[k]
-        for found, new, old in zip(responses, shifted, ref, strict=True):
-            found.append(Response.of(np.nan_to_num(new - old) / step))
+        at = loose.at.copy()
+        at[k] += PART if at[k] <= 0.0 else -PART
+        add(case, loose.values(at), at[k] - loose.at[k], [True] * len(ref))
     count = max((len(s) for s in starts), default=0)
     for k in range(count):
         part = 1.0 if k < 2 * len(case.forward.robot().joints) else INTEGRAL
         by = [part * s * (np.arange(count) == k)[: len(s)] for s in starts]
         other = replace(case, forward=case.forward.begun_at(by), loose=None)
-        shifted = other.bare(specs, loose.values(loose.at), coarse=True)
-        for found, new, old, start in zip(responses, shifted, ref, starts, strict=True):
-            if k < len(start):
-                found.append(Response.of(np.nan_to_num(new - old) / part))
-    rounds = case.forward.robot().encoder_step > 0.0  # then in `floors.hunting`
-    if math.isfinite(loose.most) and not case.ground and not rounds:
+        add(other, loose.values(loose.at), part, [k < len(s) for s in starts])
+    # Of drives that round their encoders, these times are in `floors.limit_cycle_errors`.
+    if math.isfinite(loose.most) and not case.ground and not case.rounds:
         for found, changes in zip(responses, _timed(case, specs, loose), strict=True):
             found += map(Response.of, np.moveaxis(changes, -1, 0))
     columns = [Columns.of(r.shape, responses[i]) for i, r in enumerate(ref)]

@@ -26,13 +26,14 @@ def gauss_newton(case: Case, model: Fitted) -> Fitted:
     """The model at a lower cost of the fitted rows; itself if no step leads lower.
 
     Args:
-        case: Model and data, with the step error of the model.
+        case: Model and data.
         model: Fitted model.
     """
     if model.overrides or not (model.parts and model.loose and case.bends):
         return model
     if not is_smooth(case, model):
         return model
+    case = case.corrected(model.specs, model.overrides)
     used = [np.isfinite(r) for r in case.masked(model.whole, range(len(model.whole)), held=False)]
     weight = np.where(identify.pack(used), identify.weights(model.score), 0.0)
 

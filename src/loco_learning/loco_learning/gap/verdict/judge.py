@@ -216,7 +216,7 @@ class Judgement:
             keys = [h.key for h, _ in model.parts if h.key not in uncertain]
             smaller = self.fits.get(" + ".join(sorted(keys)))
             if not uncertain or not keys or smaller is None:
-                model = gauss_newton(self.case.corrected(model.specs, model.overrides), model)
+                model = gauss_newton(self.case, model)
                 return model, *self._sensitivities(model), uncertain
             model = smaller
 

@@ -11,7 +11,7 @@ from loco_sim.effects.base import EFFECTS
 
 from ..fitting.fit import Fitted
 from ..hypotheses.hypotheses import Hypothesis
-from ..prediction.case import Case
+from ..prediction.case import Case, are_smooth
 from ..statistics import identify, profile, robust
 from . import doubt
 from .estimates import Estimate
@@ -101,8 +101,7 @@ def columns(
 
 def is_smooth(case: Case, model: Fitted) -> bool:
     """True if no contact, rounded encoder or effect of the model acts in jumps."""
-    effects = all(EFFECTS[hypothesis.effect].identity.smooth for hypothesis, _ in model.parts)
-    return effects and not case.ground and not case.rounds
+    return are_smooth(model.names) and not case.ground and not case.rounds
 
 
 def _smooth(narrow: np.ndarray, wide: np.ndarray) -> np.ndarray:
