@@ -31,6 +31,7 @@ def judgement(**attributes):
     """A judgement of which only some attributes are known."""
     one = judge.Judgement.__new__(judge.Judgement)
     one.about, one.fits, one.converged, one.lost, one.known = None, {}, set(), {}, {}
+    one.left = set()
     vars(one).update(attributes)
     return one
 
@@ -146,6 +147,44 @@ def test_two_effects_with_fewer_parameters_are_tried_in_place_of_one(effects, pa
     judging.search = Some(beside=beside, energy=lambda m: 1.0, fitted=list)
     tried = judging._pairs(model(*effects))
     assert [" + ".join(h.effect for h, _ in parts) for parts in tried] == pairs
+
+
+@pytest.mark.parametrize(
+    ("stroke", "rms", "asked"),
+    [
+        (0.0, 1.0, [["viscous_friction"], ["viscous_friction", "coulomb_friction"]]),
+        (2.0, 1.0, []),  # a law of its own
+        (0.0, 3.0, []),  # a better model is known
+    ],
+)
+def test_what_the_best_model_equals_at_a_bound_is_fitted_once(stroke, rms, asked):
+    """Hysteresis of no stroke took the place of dry friction, has no weight, and all was lost."""
+    size = Coordinate("torque", 1.0, (1.0,), 0.0, 10.0, strength=True)
+    shape = Coordinate("stroke", 1.0, (1.0,), 0.0, 10.0)
+    law = Hypothesis("hysteresis", "knee", (), (size, shape))
+
+    def at(name, place="knee"):
+        return Hypothesis(name, place, (), (size,)), (1.0,)
+
+    def model(parts, rms):
+        return Some(parts=parts, key=" + ".join(h.key for h, _ in parts), rms=rms)
+
+    tried = []
+
+    def fitted(parts):
+        tried.append([h.effect for h, _ in parts])
+        return model(parts, 1.1)
+
+    offered = [at("coulomb_friction"), at("coulomb_friction", "hip"), at("payload")]
+    judging = judgement(_fitted=fitted, _anew=list)
+    judging.found = Some(screened=[Screened(h, 0.1, x) for h, x in offered])
+    judging.search = Some(energy=lambda m: m.rms)
+    models = model([at("viscous_friction"), (law, (1.0, stroke))], rms), model([at("payload")], 2.0)
+    judging.fits = {m.key: m for m in models}
+    judging._leave_bounds()
+    judging._leave_bounds()
+    assert tried == asked
+    assert len(judging.fits) == len(models) + len(asked)
 
 
 def test_all_that_are_weighed_are_fitted_about_the_model_at_hand_and_keep_the_better_fit():

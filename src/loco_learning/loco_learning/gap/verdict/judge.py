@@ -22,6 +22,7 @@ from ..hypotheses.families import restrict
 from ..hypotheses.hypotheses import Hypothesis
 from ..prediction.case import Case
 from ..prediction.channels import slides
+from ..probability.prices import on_edge
 from ..probability.weights import CRITERION, Weights, weigh
 from ..statistics import identify
 from ..statistics.leftover import has_gap
@@ -151,6 +152,7 @@ class Judgement:
         self.case, self.search, self.found = case, search, pool
         self.fits = {m.key: m for m in reversed([pool.base, *pool.models])}
         self.converged: set[str] = {pool.base.key}
+        self.left: set[str] = set()  # keys of models on a bound, for which others were fitted
         self.lost: dict[str, tuple[Fitted, ...]] = {}  # models without each effect, by key
         self.about: list[dict] | None = None
         self.known: dict[str, tuple[Fitted, tuple]] = {}  # sensitivities of models, by key
@@ -192,9 +194,34 @@ class Judgement:
     def _converged(self) -> Weights:
         """Probabilities of all models; those worth mentioning are fitted to convergence first."""
         while True:
+            self._leave_bounds()
             weights = weigh([*self.fits.values()], self.search.params.seed, self._unusual)
             if not self._finish([m for m, value in weights.ranked if value > MIN_PROBABILITY]):
                 return weights
+
+    def _leave_bounds(self) -> None:
+        """Fit what the best model equals, as long as that has a shape on the bound of its range.
+
+        At a bound a law is another one or none, and has no weight; the model that it equals may not
+        be known, as fits of nonlinear shapes depend on where they start.
+        """
+        while True:
+            model = min(self.fits.values(), key=lambda m: (self.search.energy(m), m.key))
+            bounded = [i for i, part in enumerate(model.parts) if on_edge(*part, CRITERION.edge)]
+            if not bounded or model.key in self.left:
+                return
+            self.left.add(model.key)
+            for i in bounded:
+                h, rest = model.parts[i][0], [p for j, p in enumerate(model.parts) if j != i]
+                alike = [
+                    (s.hypothesis, s.x)
+                    for s in self.found.screened
+                    if s.hypothesis.effect in look_alike_names(h)
+                    and s.hypothesis.place == h.place
+                    and s.hypothesis.key not in {other.key for other, _ in rest}
+                ]
+                variants = [rest, *([*rest, part] for part in alike)]
+                self._put(self._anew([self._fitted(parts) for parts in variants if parts]))
 
     def _unusual(self, model: Fitted) -> float:
         """Prior penalty of the free values of the robot [nat]."""
