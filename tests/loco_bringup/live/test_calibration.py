@@ -116,7 +116,8 @@ def test_the_page_shows_before_and_after_and_says_what_is_a_surrogate(outcome, t
 
 def test_a_robot_of_the_bag_can_be_read_by_itself(outcome):
     for robot in ("measured", "model"):
-        assert read_recording(outcome.folder, 100.0, robot).q.shape[1] == 8
+        recording = read_recording(outcome.folder, 100.0, models.Model("tigrillo").make_robot(), robot)
+        assert recording.q.shape[1] == 8
 
 
 def test_cancel_ends_the_search_and_keeps_the_bag(tmp_path):

@@ -25,7 +25,7 @@ from loco_learning.drawing import png
 from loco_sim.plant import model as models
 from loco_sim.plant.model import Model
 
-from ..bag.reader import Bag
+from ..bag.foreign.opening import open_bag
 from .bag import read_recording
 from .page import page
 
@@ -87,8 +87,8 @@ def prepare(
     options = options or CalibrationParams()
     base = models.load_any(robot)
     measured = base.make_robot()
-    bags = [Bag(path) for path in (bag, *validate)]
-    recordings = [read_recording(each, measured.control_rate, robot=measured) for each in bags]
+    bags = [open_bag(path) for path in (bag, *validate)]
+    recordings = [read_recording(each, measured.control_rate, measured) for each in bags]
     for recording, recording_options in zip(
         recordings, _options(options, len(recordings)), strict=True
     ):

@@ -55,7 +55,7 @@ def how_to_map(bag: Bag) -> str:
     """Command that drafts a mapping, which names other topics."""
     return (
         f"for other topics, `loco gap mapping {bag.path} --robot ROBOT --out {mapping.FILE}` "
-        f"drafts a mapping, which --mapping {mapping.FILE} uses"
+        f"drafts a mapping, which `loco gap` uses with --mapping {mapping.FILE}"
     )
 
 

@@ -50,7 +50,7 @@ class CalibrationGoal(Goal):
             source = signals.recording(robot.control_rate) if signals else None
         else:
             self.publish("listening", goal.bag)
-            source = partial(read_recording, bag, robot.control_rate, goal.measured)
+            source = partial(read_recording, bag, robot.control_rate, robot, goal.measured)
         if not self._cancelled():
             self._worker = Worker(source, name, options, node.make)
             await self._fitting()

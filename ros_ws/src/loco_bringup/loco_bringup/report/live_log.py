@@ -111,7 +111,7 @@ def read_live(bag: Bag) -> LiveRun:
     }
     robot = experiments[MODEL].plant
     joints = tuple(compared(robot))
-    robots = {n: read_recording(bag, experiments[n].control_rate, n) for n in experiments}
+    robots = {n: read_recording(bag, e.control_rate, e.plant, n) for n, e in experiments.items()}
     events = bag.messages(f"/{MODEL}/events")
     swaps = np.array([_time(e) for e in events if e.kind == "model loaded"])
     first, last = (swaps[0], swaps[-1]) if len(swaps) else (np.inf, np.inf)
