@@ -124,7 +124,7 @@ def _report(kind, rng):
     return DiagnosticStatus(name="robot_sim", values=values)
 
 
-ROBOTS = {"joint": ("tigrillo_sine", {"duration": 5.0}), "hyq": ("hyq_short", {
+ROBOTS = {"joint": ("tigrillo_sine", {"duration": 3.0}), "hyq": ("hyq_short", {
     "learner.train": 1.5, "learner.closing": 0.5, "learner.test": 0.5})}  # fmt: skip
 
 
@@ -185,7 +185,7 @@ def test_before_the_start_no_plant_moves_and_the_run_begins_when_the_stranger_ha
     assert "another graph runs" in str(raised.value)
     assert not list((tmp_path / "refused").glob("*.mcap"))
     outcome = runner.run(experiment, tmp_path / "after", layout)
-    assert outcome.exit_code == 0 and "5.0 s simulated" in outcome.text
+    assert outcome.exit_code == 0 and "3.0 s simulated" in outcome.text
 
 
 # ---- what a supervisor and a recorder believe

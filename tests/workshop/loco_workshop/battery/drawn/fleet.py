@@ -47,7 +47,7 @@ def get(name: str) -> Machine:
     Raises:
         NameUnknownError: There is no machine of that name.
     """
-    return _draw(name) if is_drawn(name) else machines.get(name)
+    return draw(name) if is_drawn(name) else machines.get(name)
 
 
 def is_drawn(name: str) -> bool:
@@ -65,7 +65,7 @@ def groups(machine: Machine) -> tuple[str, ...]:
 
 
 @cache
-def _draw(name: str) -> Machine:
+def draw(name: str) -> Machine:
     """The first robot of a number that stands still and moves within its limits."""
     family, _, number = name.partition("_")
     most = int(family.removeprefix(DRAWN) or bodies.MOST)
