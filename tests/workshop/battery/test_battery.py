@@ -150,25 +150,50 @@ def test_an_ambiguous_case_is_asked_again_with_the_experiments_it_proposes(tmp_p
     assert moved == pytest.approx(1.0, abs=0.3)
 
 
-def test_a_name_is_asked_again_under_other_settings(tmp_path, monkeypatch):
-    """Each is a setting of its own, drawn by the seed; a later run asks those that are missing."""
+def test_a_name_is_asked_again_with_the_data_divided_otherwise(tmp_path, monkeypatch):
+    """Each once, in an order drawn by the seed; a later run asks those that are missing."""
     seen = []
 
     def find(model, fit, held, params):
-        seen.append((params.window, held[0].name, params.accuracy))
-        assert sorted(r.name for r in [*fit, *held]) == [
-            "fit_chirp", "fit_ramp", "fit_steps", "hold_out",
-        ]  # fmt: skip
+        seen.append((tuple(r.name for r in fit), tuple(r.name for r in held), params.seed))
         return {"verdict": "named", "names": ["payload"], "terms": []}
 
     monkeypatch.setattr(gap_battery_case.workflow, "find", find)
     case = cases.Case("case_0000", "linear_axis", "null", "", 5)
     two = gap_battery_case.work(tmp_path, case, (), (), settings=2)
     assert len(two["settings"]) == 2 and not gap_battery_case.unfinished(case, two, (), settings=2)
-    assert gap_battery_case.unfinished(case, two, (), settings=26)
-    all_of_them = gap_battery_case.work(tmp_path, case, (), (), settings=26)
+    assert gap_battery_case.unfinished(case, two, (), settings=6)
+    all_of_them = gap_battery_case.work(tmp_path, case, (), (), settings=6)
     assert all_of_them["settings"][:2] == two["settings"]
-    assert len(seen) == len(set(seen)) == 27 and seen[0] == (0.0, "hold_out", 0.0)
+    assert {answer["setting"] for answer in all_of_them["settings"]} == set(gap_battery_case.OTHERS)
+    assert len(seen) == len(set(seen)) == 7
+    assert seen[0] == (("fit_chirp", "fit_ramp", "fit_steps"), ("hold_out",), 5)
+
+
+@pytest.mark.parametrize("setting", gap_battery_case.OTHERS)
+@pytest.mark.parametrize("count", [1, 4])
+def test_data_divided_otherwise_are_the_same_data(setting, count):
+    records = [
+        Record(f"r{k}", np.arange(10 + k) / 100.0, {"position": np.arange(10.0 + k)[:, None]},
+               ("hip",), {"q": np.arange(10.0 + k)[:, None]}, ("hip",))
+        for k in range(count)
+    ]  # fmt: skip
+    fit, held = records[:-1] or records, records[-1:] if count > 1 else []
+    others = gap_battery_case.otherwise(setting, fit, held)
+    rows = {r.name: [] for r in records}
+    for r in (*others[0], *others[1]):
+        rows[r.name.split("_")[0]] += r.signals["q"][:, 0].tolist()
+    for r in records:
+        half = len(r.t) // 2
+        part = {"first half": slice(0, half), "second half": slice(half, None)}.get(
+            setting, slice(None)
+        )
+        assert sorted(rows[r.name]) == r.signals["q"][part, 0].tolist()
+    judges = [r.name for r in others[1]]
+    if setting == "judge":
+        assert judges == (["r0"] if count > 1 else ["r0_1"])
+    else:
+        assert {name.split("_")[0] for name in judges} == {r.name for r in held}
 
 
 def test_nothing_is_asked_again_where_nothing_is_named(tmp_path, monkeypatch):
@@ -207,8 +232,8 @@ def test_a_case_that_fails_is_an_error_the_others_go_on_and_it_is_tried_again(
     [
         (["--cases", "0"], "--cases must be above 0"),
         (["--baselines", "luck"], "unknown baseline"),
-        (["--settings", "27"], "--settings must be 0 to 26, got 27"),
-        (["--settings", "1", "--robots", "hyq_trot"], "--settings is for listed robots"),
+        (["--settings", "7"], "--settings must be 0 to 6, got 7"),
+        (["--follow", "1", "--robots", "hyq_trot"], "--follow is for listed robots"),
     ],
 )
 def test_mistakes_are_told(words, said):

@@ -47,8 +47,9 @@ def battery(p: ArgumentParser) -> None:
     p.add_argument("--follow", nargs="?", type=int, const=1, default=0, metavar="N",
                    help="while the verdict is ambiguous, run the experiment that it proposes on "
                    "the robot, and look again: at most N times (default 1)")  # fmt: skip
-    option(p, "--settings", 0, "ask each name again under N of 26 other settings: pieces of 0.5 or "
-           "2 s, another judging record, an accuracy of 1 or 3 %% (default 0)", "N")  # fmt: skip
+    option(p, "--settings", 0, "ask each name again with N of 6 other divisions of the data: in "
+           "reverse order, another held-out record, first or second halves, halves as records, "
+           "another seed (default 0)", "N")  # fmt: skip
     option(p, "--bags-only", False, "make the cases, run nothing")
     add_out(p, "folder of the battery (default results/gap_battery_SEED)")
 

@@ -44,7 +44,7 @@ def check(a: argparse.Namespace) -> None:
     if not 0 <= a.settings <= len(OTHERS):
         raise ParameterError(f"--settings must be 0 to {len(OTHERS)}, got {a.settings}")
     other = [robot for robot in a.robots if robot in WALKERS or fleet.is_family(robot)]
-    if other and (requested := [n for n in ("baselines", "follow", "settings") if getattr(a, n)]):
+    if other and (requested := [n for n in ("baselines", "follow") if getattr(a, n)]):
         what = f"--{requested[0]}"
         raise ParameterError(
             f"{what} is for listed robots that are held, not for {other[0]}; leave it out"

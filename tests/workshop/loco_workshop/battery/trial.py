@@ -9,9 +9,8 @@ import shutil
 import tempfile
 import time
 import xml.etree.ElementTree as ET
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from functools import cache
-from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -24,6 +23,7 @@ from loco_control.files import write_whole
 from loco_learning.gap import workflow
 from loco_learning.gap.fitting.params import GapParams
 from loco_learning.gap.proposals import pool
+from loco_learning.gap.recordings.record import Record
 from loco_sim.plant.model import Model
 
 from . import bags, baselines, cases
@@ -36,9 +36,7 @@ from .score import SURE
 KEPT = ("verdict", "names", "probability", "terms", "rivals", "ambiguous", "gap", "next",
         "setup")  # fmt: skip
 HELD = "hold_out"
-WINDOWS, JUDGES, ACCURACIES = (0.0, 0.5, 2.0), (HELD, "fit_chirp", "fit_steps"), (0.0, 0.01, 0.03)
-# The first value is the default of every search.
-OTHERS = tuple(product(WINDOWS, JUDGES, ACCURACIES))[1:]
+OTHERS = ("order", "judge", "first half", "second half", "split", "seed")  # the same data otherwise
 OTHER = 6  # seed key of the random choice among them
 
 
@@ -59,7 +57,8 @@ def work(
         baselines: Names of the baselines to run.
         follow: Number of experiments that are simulated one after the other at most, each as an
             ambiguous verdict proposes, with a search after each.
-        settings: Number of other settings under which a search with a named effect is repeated.
+        settings: Number of other divisions of the data with which a search that names an effect is
+            repeated.
     """
     make(folder, case, effects)
     place = folder / bags.BAGS / case.name
@@ -139,21 +138,51 @@ def unfollowed(result: dict[str, Any], follow: int) -> bool:
     return ambiguous and len(before) < follow
 
 
-def unasked(result: dict[str, Any], seed: int, count: int) -> list[tuple[float, str, float]]:
-    """Settings (window, held-out record, accuracy) that the search has not been repeated with."""
+def unasked(result: dict[str, Any], seed: int, count: int) -> list[str]:
+    """Names of other divisions of its data with which the search has not been repeated."""
     if result["verdict"] not in SURE or not result["names"]:
         return []
-    drawn = np.random.default_rng([seed, OTHER]).permutation(len(OTHERS))[:count]
-    return [OTHERS[i] for i in drawn[len(result.get("settings", [])) :]]
+    drawn = np.random.default_rng([seed, OTHER]).permutation(OTHERS)[:count].tolist()
+    return drawn[len(result.get("settings", [])) :]
 
 
-def asked(place: Path, robot: str, seed: int, setting: tuple[float, str, float]) -> dict[str, Any]:
+def asked(place: Path, robot: str, seed: int, setting: str) -> dict[str, Any]:
     """Setting, verdict and names of a search with it; other arguments as for `examined`."""
-    window, judge, accuracy = setting
-    params = GapParams(seed=seed, window=window, accuracy=accuracy)
-    result = _found(*read(place, robot, (HELD,), judge), params)
-    options = {"window": window, "judge": judge, "accuracy": accuracy}
-    return {**options, "verdict": result["verdict"], "names": result["names"]}
+    model, fit, held = read(place, robot)
+    seed += setting == "seed"
+    result = _found(model, *otherwise(setting, fit, held), GapParams(seed=seed))
+    return {"setting": setting, "verdict": result["verdict"], "names": result["names"]}
+
+
+def otherwise(
+    setting: str, fit: Sequence[Record], held: Sequence[Record]
+) -> tuple[list[Record], list[Record]]:
+    """The same recordings divided in another way: records to fit, and held-out ones.
+
+    Args:
+        setting: One of `OTHERS`.
+        fit: Records to fit.
+        held: Held-out records; empty if the last third of the only one is held out.
+    """
+    if setting == "order":
+        return [*fit][::-1], [*held][::-1]
+    if setting == "judge":
+        first, *others = [*fit, *held] if len(fit) + len(held) > 1 else _halves(fit[0])
+        return others, [first]
+    parts = {"first half": slice(0, 1), "second half": slice(1, 2), "split": slice(0, 2)}
+    if setting not in parts:
+        return [*fit], [*held]
+    return tuple([half for r in records for half in _halves(r)[parts[setting]]]
+                 for records in (fit, held))  # fmt: skip
+
+
+def _halves(record: Record) -> list[Record]:
+    """The first and the second half of a record."""
+    middle, count = len(record.t) // 2, len(record.t)
+    return [
+        record.rows(*rows, f"{record.name}_{k}")
+        for k, rows in enumerate([(0, middle), (middle, count)], 1)
+    ]
 
 
 def followed(folder: Path, case: Case, result: dict[str, Any], count: int) -> dict[str, Any]:
@@ -270,20 +299,17 @@ def _foreign(machine: Machine) -> Path:
     return path
 
 
-def read(
-    place: Path, robot: str, more: tuple[str, ...] = (), judge: str = HELD
-) -> tuple[Any, list, list]:
+def read(place: Path, robot: str, more: tuple[str, ...] = ()) -> tuple[Any, list, list]:
     """Nominal model of a robot, records to fit and held-out records.
 
     Args:
         place: Folder with fit_* and hold_out bags.
         robot: Name of the robot.
         more: Names of further bags to fit.
-        judge: Name of the held-out bag.
     """
     model = model_of(robot)
     machine = model.make_robot()
     names = [*sorted(path.name for path in place.glob("fit_*")), *more]
-    fit = [r for name in names if name != judge for r in load(place / name, machine)]
-    held = load(place / judge, machine) if (place / judge).is_dir() else []
+    fit = [r for name in names for r in load(place / name, machine)]
+    held = load(place / HELD, machine) if (place / HELD).is_dir() else []
     return model, fit, held
