@@ -85,13 +85,34 @@ def entries(doc: str) -> Iterator[tuple[str, str]]:
             text.append(line.strip())
 
 
+@cache
+def parsed(path: Path) -> ast.Module:
+    """Syntax tree of a file."""
+    return ast.parse(path.read_text())
+
+
+def statements(node: ast.AST) -> Iterator[ast.AST]:
+    """Statements in a node, in which alone functions and classes are defined."""
+    for field in ("body", "orelse", "handlers", "finalbody", "cases"):
+        yield from getattr(node, field, ())
+
+
+def every_class(tree: ast.Module) -> Iterator[ast.ClassDef]:
+    """All classes of a module, at any depth."""
+    todo: list[ast.AST] = [tree]
+    while todo:
+        children = list(statements(todo.pop()))
+        yield from (child for child in children if isinstance(child, ast.ClassDef))
+        todo += children
+
+
 def documented(tree: ast.Module) -> Iterator[tuple[ast.AST, str, bool]]:
     """Each module, class and function with its name and whether it is public."""
     yield tree, "", True
     todo: list[tuple[ast.AST, bool, bool]] = [(tree, True, False)]
     while todo:
         node, public, inside = todo.pop()
-        for child in ast.iter_child_nodes(node):
+        for child in statements(node):
             if isinstance(child, (ast.FunctionDef, ast.AsyncFunctionDef, ast.ClassDef)):
                 shown = public and not inside and not child.name.startswith("_")
                 yield child, child.name, shown
@@ -100,10 +121,10 @@ def documented(tree: ast.Module) -> Iterator[tuple[ast.AST, str, bool]]:
                 todo.append((child, public, inside))
 
 
-def faults(text: str) -> list[Fault]:
-    """Faults of the words of a module."""
-    result = []
-    for node, name, public in documented(ast.parse(text)):
+def faults(source: str | ast.Module) -> list[Fault]:
+    """Faults of the words of a module, given as text or tree."""
+    result, tree = [], ast.parse(source) if isinstance(source, str) else source
+    for node, name, public in documented(tree):
         line = getattr(node, "lineno", 1)
         doc = ast.get_docstring(node)
         if doc is None:
@@ -125,14 +146,13 @@ def classes() -> dict[str, tuple[set[str], set[str]]]:
     """Bases and documented methods of all classes, by the name of the class."""
     result: dict[str, tuple[set[str], set[str]]] = {}
     for path in files().values():
-        for node in ast.walk(ast.parse(path.read_text())):
-            if isinstance(node, ast.ClassDef):
-                methods = {
-                    child.name
-                    for child in node.body
-                    if isinstance(child, ast.FunctionDef) and ast.get_docstring(child)
-                }
-                result[node.name] = bases_of(node), methods
+        for node in every_class(parsed(path)):
+            methods = {
+                child.name
+                for child in node.body
+                if isinstance(child, ast.FunctionDef) and ast.get_docstring(child)
+            }
+            result[node.name] = bases_of(node), methods
     return result
 
 
@@ -155,15 +175,14 @@ def files() -> dict[str, Path]:
 
 def faults_of(path: Path) -> list[Fault]:
     """Faults of a file; a method may leave its docstring to that of a base class."""
-    tree, inherited = ast.parse(path.read_text()), set()
-    for node in ast.walk(tree):
-        if isinstance(node, ast.ClassDef):
-            inherited |= {
-                (child.lineno, f"{child.name} has no docstring")
-                for child in node.body
-                if isinstance(child, ast.FunctionDef) and inherits(bases_of(node), child.name)
-            }
-    return [f for f in faults(path.read_text()) if (f.line, f.why) not in inherited]
+    tree = parsed(path)
+    inherited = {
+        (child.lineno, f"{child.name} has no docstring")
+        for node in every_class(tree)
+        for child in node.body
+        if isinstance(child, ast.FunctionDef) and inherits(bases_of(node), child.name)
+    }
+    return [f for f in faults(tree) if (f.line, f.why) not in inherited]
 
 
 def test_docstrings_read_alone():

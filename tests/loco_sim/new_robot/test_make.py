@@ -44,6 +44,11 @@ BOLTED = [
 WITH_LEGS = [*list(QUADRUPEDS)[:6]]
 
 
+def each(names):
+    """Names of robots as parameters; one process has all tests of a robot and makes it once."""
+    return [pytest.param(name, marks=pytest.mark.xdist_group(name)) for name in names]
+
+
 @pytest.fixture(scope="module")
 def made(tmp_path_factory):
     """Function that gives the robot folder of a URDF, made once."""
@@ -76,7 +81,7 @@ def test_there_are_twenty():
     assert len(STANDING) + len(BOLTED) == 20
 
 
-@pytest.mark.parametrize("name", STANDING)
+@pytest.mark.parametrize("name", each(STANDING))
 def test_it_stands_and_its_feet_carry_its_weight(made, name):
     result = made(name)
     assert result.stands
@@ -90,7 +95,7 @@ def test_it_stands_and_its_feet_carry_its_weight(made, name):
     assert np.all(np.abs([state.tau for state in states[-100:]]) <= robot.effort + 1e-9)
 
 
-@pytest.mark.parametrize("name", BOLTED)
+@pytest.mark.parametrize("name", each(BOLTED))
 def test_it_is_bolted_and_follows_its_swing_within_its_limits(made, name):
     result = made(name)
     assert not result.stands
@@ -116,7 +121,7 @@ def test_it_is_bolted_and_follows_its_swing_within_its_limits(made, name):
 
 
 @pytest.mark.pybullet
-@pytest.mark.parametrize("name", ["kuka_iiwa/model", "franka_panda/panda", "xarm/xarm6_robot"])
+@pytest.mark.parametrize("name", each(BOLTED[:3]))
 def test_an_arm_of_others_needs_no_engine_to_do_what_it_does_with_it(made, name):
     """It hangs so high that its meshes cannot touch the ground; `loco gap` is fast with it."""
     # As `loco gap` has it: damping is held over sub-steps, in both; PyBullet has no rotors,
@@ -141,7 +146,7 @@ def ranges(robot):
     return [(joint, *description.limits(joint)) for joint in robot.joints]
 
 
-@pytest.mark.parametrize("name", WITH_LEGS)
+@pytest.mark.parametrize("name", each(WITH_LEGS))
 def test_its_legs_are_those_that_people_named(made, name):
     folder = made(name).folder
     assert robots.load(folder).legs is not None
