@@ -12,6 +12,7 @@ from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
 
 from loco_bringup.bag.foreign import sqlite as db3
+from loco_bringup.calibrate.bag import read_recording
 from loco_bringup.gap import importing
 from loco_control.exceptions import LocoError
 from loco_sim.robot import robot as robots
@@ -59,6 +60,12 @@ def test_a_bag_in_sqlite_is_read(bag, tmp_path):
     for record in (plain, file, mapped):
         assert record.signals["q"][:, 0] == pytest.approx(goal(record.t - 0.04))
         assert record.command["position"][:, 0] == pytest.approx(goal(record.t))
+
+
+def test_a_calibration_reads_it_as_well(bag):
+    recording = read_recording(bag, 100.0, SERVO)
+    assert recording.q[:, 0] == pytest.approx(goal(recording.t - 0.04))
+    assert recording.command[:, 0] == pytest.approx(goal(recording.t))
 
 
 def broken(file, how):
