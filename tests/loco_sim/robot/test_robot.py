@@ -178,6 +178,42 @@ def test_what_follows_a_locked_joint_is_locked_too(folder):
         assert np.allclose(a, b, atol=1e-9)
 
 
+@pytest.mark.parametrize(("factor", "angle"), [(2.0, 0.7), (-1.0, -0.2)])
+def test_what_follows_a_listed_joint_and_is_not_listed_is_held_where_it_stands(
+    folder, factor, angle
+):
+    urdf = ONE_JOINT.replace("</robot>", FINGER.format(kind="revolute"))
+    follows = f'<mimic joint="elbow" multiplier="{factor}" offset="0.1"/></joint></robot>'
+    led = urdf.replace("</joint></robot>", follows)
+    values = {"standing": [0.3], "drives": {"elbow": DRIVE}, "height": 2.0}
+    bench, held = (robot.load(folder(urdf=text, **values, **locked))
+                   for text, locked in ((led, {}), (urdf, {"locked": {"wrist": angle}})))  # fmt: skip
+    assert bench.joints == ("elbow",) and not needs_engine(bench)
+    chosen = robot.load(folder(urdf=led, **values, locked={"wrist": 0.0}))
+    q = np.array([[0.3]])
+    got, wanted, another = (frames.link_frames(x, q)["tip"] for x in (bench, held, chosen))
+    assert all(map(np.allclose, got, wanted)) and not all(map(np.allclose, got, another))
+
+
+def test_a_mesh_that_is_missing_matters_only_to_a_robot_that_may_touch_something(folder):
+    mesh = '<collision><geometry><mesh filename="package://a/b.stl"/></geometry></collision></link>'
+    urdf = ONE_JOINT.replace("</link>", mesh)
+    drives = {"*": {"kind": "torque"}}
+    hangs = robot.load(folder(urdf, drives=drives))
+    plain = robot.load(folder(ONE_JOINT, drives=drives))
+    assert not needs_engine(hangs) and hangs.mass == plain.mass and "<mesh" not in hangs.urdf
+    with pytest.raises(ParameterError, match="no mesh file"):
+        robot.load(folder(urdf, drives=drives, feet=["arm"]))
+
+
+@pytest.mark.parametrize(("written", "limit"), [("0", np.inf), ("0.0", np.inf), ("3", 3.0)])
+def test_a_drive_with_an_effort_limit_of_0_has_no_limit(folder, written, limit):
+    urdf = ONE_JOINT.replace('effort="3"', f'effort="{written}"')
+    assert robot.load(folder(urdf, drives={"elbow": DRIVE})).effort == [limit]
+    passive = robot.load(folder(urdf))
+    assert passive.effort == [float(written)]  # nothing drives it
+
+
 @pytest.mark.parametrize(
     ("locked", "message"),
     [({"toe": 0.0}, "toe"), ({"elbow": "x"}, "position"), (["elbow"], "position")],

@@ -212,8 +212,10 @@ def load(name_or_path: str | Path, overrides: Mapping[str, Any] | None = None) -
         raise MissingFileError(f"{path}: there is no URDF at {urdf}")
     text = _text(urdf)
     bolted = bool({**values, **(overrides or {})}.get("fixed_base", False))
-    _checked(text, urdf, bolted)
+    text = _checked(text, urdf, bolted, bolted and not values.get("feet"))
     description = Description(text)
+    if isinstance(values.get(LOCKED) or {}, dict) and (unlisted := _unlisted(values, description)):
+        values = {**values, LOCKED: unlisted | (values.get(LOCKED) or {})}
     if values.get(LOCKED):
         values = _with_locked(values, description, path)
     legs = None
@@ -224,8 +226,12 @@ def load(name_or_path: str | Path, overrides: Mapping[str, Any] | None = None) -
     moved = [description.child(joint) for joint in joints]
     values = equipment.expanded(values, joints, description.links(), path)
     equipment.override(values, overrides or {}, description.links())
+    driven = np.array([joint in values["drives"] for joint in joints], dtype=bool)
+    limits[driven & (limits <= 0.0)] = (
+        math.inf
+    )  # exporters write 0 where nothing is known; a drive has a torque
     try:
-        fitted = _fit(path.parent, description, joints, feet, values)
+        fitted = _fit(path.parent, text, description, joints, feet, values)
     except ParameterError as error:
         raise ParameterError(f"{path}: {error}") from None
     return Robot(
@@ -275,6 +281,21 @@ def _with_locked(values: dict[str, Any], description: Description, path: Path) -
     return {**values, **remaining}
 
 
+def _unlisted(values: dict[str, Any], description: Description) -> dict[str, float]:
+    """Positions of joints that follow one in `joints` and are not listed: they are held there.
+
+    Without a drive of its own such a joint would fall freely, which no mimic does.
+    """
+    joints = list(values["joints"])
+    standing = dict(zip(joints, _standing(values.get("standing"), len(joints)), strict=True))
+    types = tuple(description.joint_types())
+    return {
+        joint: factor * float(standing[leader]) + offset
+        for joint, (leader, factor, offset) in _followers(description, types).items()
+        if leader in standing and joint not in standing
+    }
+
+
 def _followers(
     description: Description, joints: tuple[str, ...]
 ) -> dict[str, tuple[str, float, float]]:
@@ -297,12 +318,15 @@ def _text(urdf: Path) -> str:
 
 
 @lru_cache(maxsize=64)  # cached, since loading a robot reads its meshes
-def _checked(text: str, urdf: Path, bolted: bool) -> None:
+def _checked(text: str, urdf: Path, bolted: bool, hangs: bool) -> str:
+    """Checked text; of a robot that hangs without shapes whose mesh is not there."""
+    text = urdf_check.without_lost_meshes(text, urdf.parent, str(urdf)) if hangs else text
     urdf_check.check(text, urdf.parent, str(urdf), bolted)
+    return text
 
 
 def _fit(
-    folder: Path, description: Description, joints: tuple, feet: tuple, values: dict[str, Any]
+    folder: Path, text: str, description: Description, joints: tuple, feet: tuple, values: dict
 ) -> dict[str, Any]:
     """Fields of a `Robot` that follow from an expanded ``robot.yaml``; edits the URDF."""
     standing = _standing(values.get("standing"), len(joints))
@@ -331,7 +355,7 @@ def _fit(
     if height is None and bolted and not feet:
         height = base_height(description, folder)
     return {
-        "urdf": description.text() if edited else _text(folder / str(values["urdf"])),
+        "urdf": description.text() if edited else text,
         "standing": standing,
         "fixed_base": bolted,
         "height": None if height is None else float(height),

@@ -52,6 +52,24 @@ def check(urdf: str, folder: Path, name: str, bolted: bool = False) -> None:
         raise ParameterError(f"{name}: {faults[0]}{suffix}")
 
 
+def without_lost_meshes(urdf: str, folder: Path, name: str) -> str:
+    """Text without collision shapes whose mesh file is missing, for a robot that touches nothing.
+
+    Args:
+        urdf: Text of the URDF.
+        folder: Folder of relative mesh files.
+        name: Name of the description, for messages.
+    """
+    root, lost = parse(urdf, name), False
+    for link in root.findall("link"):
+        for shape in link.findall("collision"):
+            mesh = shape.find("geometry/mesh")
+            if mesh is not None and mesh_path(mesh.get("filename", ""), folder) is None:
+                link.remove(shape)
+                lost = True
+    return ET.tostring(root, encoding="unicode") if lost else urdf
+
+
 def parse(urdf: str, name: str = "the robot description") -> ET.Element:
     """Root element of a URDF, ignoring blanks and zero bytes around it.
 

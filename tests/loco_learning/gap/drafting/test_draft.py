@@ -36,6 +36,14 @@ def drafted(names, joints=(), time=T, wave=WAVE):
         ("q_ref_knee", "command_position", "knee"),
         ("knee_temperature", "", "knee"),
         ("battery", "", ""),
+        ("knee ist [mm]", "q", "knee"),
+        ("knee actual [deg/s]", "dq", "knee"),
+        ("knee_meas_Nm", "tau", "knee"),
+        ("knee soll [Nm]", "command_torque", "knee"),
+        ("knee soll [mm]", "command_position", "knee"),
+        ("iq_ref_knee", "command_torque", "knee"),
+        ("knee error [mm]", "", "knee"),
+        ("knee_temp_meas", "", "knee"),
     ],
 )
 def test_words_of_a_name_say_role_and_joint(name, role, joint):
@@ -44,6 +52,10 @@ def test_words_of_a_name_say_role_and_joint(name, role, joint):
     if role:
         free = words.guess(name)
         assert free.role == role and free.joint == "knee"
+
+
+def test_ts_is_a_time():
+    assert words.time_unit("ts") == words.time_unit("time") == ""
 
 
 def test_the_longest_name_of_a_joint_is_its():

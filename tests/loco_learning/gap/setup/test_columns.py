@@ -2,12 +2,13 @@
 """Held joints tell nothing; units have the dimension of their role; lines act together."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from loco_learning.gap.setup import bodies, family
-from loco_learning.gap.setup.bench import Bench, Trial
+from loco_learning.gap.setup.bench import Bench, Trial, moving
 from loco_learning.gap.setup.finding import (
     JOINT,
     MAPPING,
@@ -47,6 +48,24 @@ def stepped(data):
 @pytest.mark.parametrize("change", [None, stepped])
 def test_nothing_is_found_of_a_joint_that_is_held(tmp_path, change):
     assert found(tmp_path / "set", replace(MACHINES["lift"], size=(0.1, 0.0)), change) == []
+
+
+@pytest.mark.parametrize(("speed", "moves"), [(0.0, False), (5.0, True)])
+def test_a_joint_that_is_told_a_velocity_is_not_held(speed, moves):
+    t = np.linspace(0.0, 20.0, 2000)[:, None]
+    told = {"position": np.zeros_like(t), "velocity": speed * np.sin(t)}
+    q = 40.0 + speed * (1.0 - np.cos(t)) + 0.1 * np.sin(7.0 * t)
+    wheel = SimpleNamespace(command=told, signals={"q": q}, joints=("wheel",), driven=("wheel",))
+    assert moving(wheel, ("wheel",)) == [moves]
+
+
+def test_a_correction_of_a_joint_without_an_error_is_no_finding(tmp_path, recorded):
+    bench = Bench(*read(MACHINES["arm"].write(tmp_path / "set", recorded("arm"))))
+    joint = bench().joints[0]
+    still = replace(bench(), moving=(np.zeros(len(bench().joints), dtype=bool),) * 2)
+    change = Change(MAPPING, OFFSET, 2.0 * np.pi, "q", joint)
+    bench._trials = dict.fromkeys((repr(()), repr((change,))), still)
+    assert bench.settled("turns", (joint,), "", [(change,)]) == []
 
 
 @pytest.mark.parametrize("joint", MACHINES["arm"].joints)

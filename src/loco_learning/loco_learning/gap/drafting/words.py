@@ -22,11 +22,11 @@ MEASURED = frozenset(
     "meas measured actual act state states feedback fbk fb present observation ist istwert".split()
 )
 QUANTITIES = {
-    "position": "pos position positions angle angles q qpos encoder enc winkel "
+    "position": "pos position positions angle angles q qpos encoder enc winkel weg "
     "theta phi alpha beta gamma psi",
     "velocity": "vel velocity velocities dq qd qdot qvel speed speeds omega drehzahl",
-    "torque": "tau torque torques effort efforts trq force forces load moment moments",
-    "current": "current currents cur amps strom",
+    "torque": "tau torque torques effort efforts trq force forces load moment moments kraft",
+    "current": "current currents cur amps strom iq",
 }
 ROLES = {"position": "q", "velocity": "dq", "torque": "tau", "current": "tau"}
 UNITS = {
@@ -34,7 +34,7 @@ UNITS = {
     "rpm": "rpm", "dps": "deg/s", "nm": "N m", "mnm": "mN m", "ma": "mA", "amp": "A", "rads": "rad",
 }  # fmt: skip
 TIMES = {
-    "t": "", "time": "", "zeit": "", "timestamp": "", "stamp": "", "times": "", "clock": "",
+    "t": "", "ts": "", "time": "", "zeit": "", "timestamp": "", "stamp": "", "times": "", "clock": "",
     "s": "s", "sec": "s", "secs": "s", "seconds": "s",
     "ms": "ms", "us": "us", "ns": "ns", "nsec": "ns", "msec": "ms", "usec": "us",
     "millis": "ms", "millisec": "ms", "milliseconds": "ms", "micros": "us", "microseconds": "us",
@@ -87,15 +87,16 @@ def guess(name: str, joints: Sequence[str] = ()) -> Guess:
     if of or not [token for token in unknown if not token.isdigit()] or not (joint or joints):
         legal = legal | SETS | INPUTS
     commanded = next((w for w in rest if w in legal), "")
-    default = ("torque" if commanded in INPUTS else "position") if commanded else ""
-    kind = _OF_WORD.get(of, default)
+    marker = commanded or next(filter(MEASURED.__contains__, rest), "")
+    kind = _OF_WORD.get(of) or _kind_of_unit(name, marker)
     if not kind:
         return Guess("", "", joint, "")
     role = f"command_{'torque' if kind == 'current' else kind}" if commanded else ROLES[kind]
     unit = _unit(name, role) or ("A" if kind == "current" else "")
     if not joint and not joints:
         joint = "_".join(unknown)
-    return Guess(role, unit, joint, " and ".join(f"“{w}”" for w in (commanded, of) if w))
+    why = " and ".join(f"“{w}”" for w in (commanded, of) if w)
+    return Guess(role, unit, joint, why or f"“{marker}”")
 
 
 def position(name: str, joint: str) -> Guess:
@@ -103,14 +104,31 @@ def position(name: str, joint: str) -> Guess:
     return Guess("q", _unit(name, "q"), joint, "the name of a joint alone: its position?")
 
 
+def _kind_of_unit(name: str, marker: str) -> str:
+    """Quantity that the unit in a name tells, such as position for ``actual [mm]``; "" if none.
+
+    Args:
+        name: Name without a word of a quantity.
+        marker: Its word for a command or for a measurement, without which a unit tells nothing; a
+            command without a unit is a position, or a torque if it is an input.
+    """
+    for text in _units_in(name) if marker else ():
+        try:
+            dimension = units.dimension(text)
+        except NameUnknownError:
+            continue
+        kinds = [kind for kind, role in ROLES.items() if dimension in mapping.ROLES[role][0]]
+        if kinds or dimension == "current":
+            return next(iter(kinds), "current")
+    if not marker or marker in MEASURED:
+        return ""
+    return "torque" if marker in INPUTS else "position"
+
+
 def _unit(name: str, role: str) -> str:
     """Unit in a name that fits a role: in brackets, at its end, or as a word; empty if none."""
     legal = (*mapping.ROLES[role][0], *(["current"] if "torque" in mapping.ROLES[role][0] else []))
-    suffix = re.split(r"[\s_.]", name)[-1]
-    candidates = re.findall(r"[\[(]([^\])]*[^\d\])][^\])]*)[\])]", name)
-    candidates += [suffix] if len(suffix) > 1 else []
-    candidates += [UNITS[token] for token in split_name(name) if token in UNITS]
-    for text in candidates:
+    for text in _units_in(name):
         for spelled in (text, f"{text}/s"):
             try:
                 if units.dimension(spelled) in legal:
@@ -118,6 +136,14 @@ def _unit(name: str, role: str) -> str:
             except NameUnknownError:
                 continue
     return ""
+
+
+def _units_in(name: str) -> list[str]:
+    """Texts in a name that may be a unit: in brackets, at its end, or as a word."""
+    suffix = re.split(r"[\s_.]", name)[-1]
+    candidates = re.findall(r"[\[(]([^\])]*[^\d\])][^\])]*)[\])]", name)
+    candidates += [suffix] if len(suffix) > 1 else []
+    return candidates + [UNITS[token] for token in split_name(name) if token in UNITS]
 
 
 def joint_in(name: str, joints: Sequence[str]) -> str:

@@ -197,7 +197,7 @@ class Bench:
         before = self().miss(scored)
         trials = [(self(*fix), fix) for fix in fixes if fix]
         after = sorted((t.miss(scored), k) for k, (t, _) in enumerate(trials) if t)
-        if not after or after[0][0] > min(before / LIMITS.better, LIMITS.left):
+        if not after or after[0][0] >= min(before / LIMITS.better, LIMITS.left):
             return []
         best = after[0][0]
         fixes = self.supported([trials[k][1] for miss, k in after
@@ -231,15 +231,16 @@ def moving(record: Record, joints: Sequence[str]) -> np.ndarray:
 
     It tells nothing of a joint that is held, so that only noise, friction and coupling move it.
     """
-    command = record.command.get("position")
+    commands = [record.command[kind] for kind in ("position", "velocity") if kind in record.command]
     moves = np.zeros(len(joints), dtype=bool)
     for i, joint in enumerate(joints):
         if joint not in record.joints or lags.is_held(
             record.signals["q"][:, record.joints.index(joint)]
         ):
             continue
-        driven = command is not None and joint in record.driven
-        moves[i] = not driven or not lags.is_constant(command[:, record.driven.index(joint)])
+        driven = commands if joint in record.driven else []
+        courses = [command[:, record.driven.index(joint)] for command in driven]
+        moves[i] = not courses or not all(map(lags.is_constant, courses))
     return moves
 
 
