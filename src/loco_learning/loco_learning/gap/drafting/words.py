@@ -117,9 +117,9 @@ def _kind_of_unit(name: str, marker: str) -> str:
             dimension = units.dimension(text)
         except NameUnknownError:
             continue
-        kinds = [kind for kind, role in ROLES.items() if dimension in mapping.ROLES[role][0]]
-        if kinds or dimension == "current":
-            return next(iter(kinds), "current")
+        names = [kind for kind, role in ROLES.items() if dimension in mapping.ROLES[role][0]]
+        if names or dimension == "current":
+            return next(iter(names), "current")
     if not marker or marker in MEASURED:
         return ""
     return "torque" if marker in INPUTS else "position"
