@@ -109,8 +109,8 @@ def _kind_of_unit(name: str, marker: str) -> str:
 
     Args:
         name: Name without a word of a quantity.
-        marker: Its word for a command or for a measurement, without which a unit tells nothing; a
-            command without a unit is a position, or a torque if it is an input.
+        marker: Word of the name for a command or a measurement; "" if it has none, and then its unit
+            tells nothing. A command without a unit is a position, or a torque if it is an input.
     """
     for text in _units_in(name) if marker else ():
         try:
