@@ -2,6 +2,7 @@
 """Laws of what is offered as a cause."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -126,6 +127,24 @@ def test_stops_are_sought_at_either_end_of_the_way_that_a_joint_went(name):
         assert set(angles) == {"above", "below"}
         assert max(angles["above"]) == pytest.approx(0.294)
         assert min(angles["below"]) == pytest.approx(-0.392)
+
+
+@pytest.mark.parametrize(
+    ("low", "high", "at"), [(0.2, 0.7, (0.21, 0.686)), (-0.7, -0.2, (-0.686, -0.21))]
+)
+def test_a_stop_on_the_side_of_the_rest_is_offered_with_its_side(low, high, at):
+    """A finger or a knee whose range is all on one side of 0 has stops at either end."""
+    made = robot.load("servo_pendulum")
+    stops = {h.variant: h for h in offer(made, ("q",), Motion(np.full(1, low), np.full(1, high)))
+             if h.effect == "end_stop"}  # fmt: skip
+    assert set(stops) == {"above", "below"}
+    for (variant, way), angle in zip((("below", -1.0), ("above", 1.0)), at, strict=True):
+        first = stops[variant]
+        angles = [first.term(x).params["angle"] for x in first.starts()]
+        assert way * max(way * a for a in angles) == pytest.approx(angle)
+        made_effect = effects.from_list([first.term(first.starts()[0]).spec])[0]
+        turned = made_effect.constants(SimpleNamespace(robot=made), np.arange(1))
+        assert turned[1] == way and low < turned[0][0] < high
 
 
 def test_late_sensors_are_tried_where_data_could_tell_them_from_a_late_command():

@@ -196,12 +196,20 @@ class RestAngleError(Elastic, name="rest_angle_error"):
 class EndStop(Elastic, name="end_stop"):
     """A soft stop limits the joint at an angle; list it twice for both sides.
 
-    For a negative angle the stop is on the other side. A stop only pushes.
+    For a negative angle the stop is on the other side, unless `side` says which way it stops. A stop
+    only pushes.
     """
 
     angle: float = parameter(0.0, "angle from the joint's rest; 0: no stop", "rad", -3.2, 3.2)
     stiffness: float = parameter(20.0, "of the stop", "N·m/rad", 1e-3, 1e6)
     damping: float = parameter(0.0, "of the stop", "N·m·s/rad", 0.0, 1e4)
+    side: float = parameter(
+        0.0,
+        "1: stops motion to larger angles, -1: to smaller ones; 0: sign of the angle",
+        "-",
+        -1,
+        1,
+    )
     law = rows.END_STOP
 
     identity = Identity(
@@ -231,16 +239,26 @@ class EndStop(Elastic, name="end_stop"):
         for j, joint in enumerate(robot.joints):
             edges = {"above": motion.high[j] - slack[j], "below": motion.low[j] - slack[j]}
             for side, limit in edges.items():
-                if not np.isfinite(limit) or abs(limit) < 1e-3 or (limit > 0) != (side == "above"):
+                if not np.isfinite(limit):  # a joint without limits has no stop
                     continue
-                interval = sorted((0.05 * limit, 1.3 * limit))
-                angle = within(cls, "angle", float(limit), (0.9, 0.7, 0.98), *map(float, interval))
-                if angle:  # a joint without limits has no stop
-                    rows.append(Offer(joint, (("joint", joint),), (free[0], angle, free[1]), side))
+                fixed, sign = (("joint", joint),), 1.0 if side == "above" else -1.0
+                if abs(limit) >= 1e-3 and limit * sign > 0.0:
+                    size, starts, interval = limit, (0.9, 0.7, 0.98), (0.05 * limit, 1.3 * limit)
+                else:  # the joint did not pass its rest, from where angles count
+                    inwards, fixed = (
+                        -sign * (edges["above"] - edges["below"]),
+                        (*fixed, ("side", sign)),
+                    )
+                    size, *points = (float(limit + share * inwards) for share in (0.1, 0.3, 0.02))
+                    starts = (1.0, *(point / size for point in points)) if size else ()
+                    interval = limit + 1e-3 * inwards, limit + 0.95 * inwards
+                bounds = map(float, sorted(interval))
+                if size and (angle := within(cls, "angle", float(size), starts, *bounds)):
+                    rows.append(Offer(joint, fixed, (free[0], angle, free[1]), side))
         return rows
 
     def constants(self, world: Any, joints: np.ndarray) -> Sequence[Any]:
-        side = float(np.sign(self.angle))
+        side = float(np.sign(self.side or self.angle))
         at = rest(world.robot, joints) + self.angle
         return at, side, self.stiffness * abs(side), self.damping * abs(side)
 
