@@ -245,10 +245,8 @@ class EndStop(Elastic, name="end_stop"):
                 if abs(limit) >= 1e-3 and limit * sign > 0.0:
                     size, starts, interval = limit, (0.9, 0.7, 0.98), (0.05 * limit, 1.3 * limit)
                 else:  # the joint did not pass its rest, from where angles count
-                    inwards, fixed = (
-                        -sign * (edges["above"] - edges["below"]),
-                        (*fixed, ("side", sign)),
-                    )
+                    inwards = -sign * (edges["above"] - edges["below"])
+                    fixed = (*fixed, ("side", sign))
                     size, *points = (float(limit + share * inwards) for share in (0.1, 0.3, 0.02))
                     starts = (1.0, *(point / size for point in points)) if size else ()
                     interval = limit + 1e-3 * inwards, limit + 0.95 * inwards
