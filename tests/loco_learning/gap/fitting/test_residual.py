@@ -141,6 +141,18 @@ def test_it_is_never_proposed_as_a_cause(slide, measured):
     assert "explains nothing" in row["reason"]
 
 
+def test_the_load_of_a_joint_is_of_springs_too_whatever_torque_is_measured(slide, measured):
+    fit, judge = measured(nothing)
+    pull, load = [{"name": "added_stiffness", "stiffness": 80.0, "rest": 0.4}], []
+    for joint_torque in (False, True):
+        pair = [[replace(r, joint_torque=joint_torque) for r in part] for part in (fit, judge)]
+        case, _ = prepared(slide.model, *pair)
+        load += residual.visible_specs(case, pull, {})
+    (alone,) = residual.visible_specs(case, [], {})
+    assert load[0] == load[1]
+    assert abs(load[0]["load"] - alone["load"]) > 0.5 * 80.0 * 0.4
+
+
 @pytest.mark.parametrize("channels", [1, 2, 3, 6, 35])
 @pytest.mark.parametrize("times", [0.5, 1.0, 1.5, 3.0, 5.9, 20.0])
 def test_of_many_values_few_are_used_of_each_channel_as_many(times, channels):

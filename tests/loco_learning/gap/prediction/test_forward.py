@@ -312,13 +312,24 @@ def test_the_torque_of_a_drive_is_its_command_without_the_spring_beside_it(tmp_p
     for file in (ASSETS / "pendulum").glob("*.*"):
         text = file.read_text() + (spring if file.suffix == ".yaml" else "")
         (tmp_path / file.name).write_text(text)
-    record = recorded("pendulum", {})
-    torque, speed = Forward(Model(str(tmp_path)), [record]).drives()
+    record, model = recorded("pendulum", {}), Model(str(tmp_path))
+    pair = record, replace(record, joint_torque=False)
+    (torque, speed), by_motor = (Forward(model, [each]).drives() for each in pair)
     told = np.clip(record.command["torque"], -2.0, 2.0)
-    late = 3.0 * np.abs(speed).max() * record.dt  # the spring's torque of a reading, not of a mean
-    assert late > 0.0
-    assert np.abs(torque[1:] - told[:-1]).max() < late + 1e-6
-    assert np.abs(torque).max() == pytest.approx(np.abs(told).max(), abs=late)
+    assert np.abs(speed).max() > 0.1
+    np.testing.assert_allclose(torque[1:], told[:-1], atol=1e-9)
+    np.testing.assert_array_equal((torque, speed), by_motor)
+
+
+@pytest.mark.pybullet
+@pytest.mark.parametrize("first", [False, True], ids=["of the drive first", "of the joint first"])
+def test_records_with_torques_of_drives_and_of_joints_are_told_apart(first):
+    pull = [{"name": "added_stiffness", "stiffness": 3.0}]
+    pair = [replace(recorded("pendulum", {}), joint_torque=b) for b in (first, not first)]
+    together = Forward(Model("pendulum"), pair)(pull)
+    apart = [Forward(Model("pendulum"), [record])(pull)[0] for record in pair]
+    np.testing.assert_array_equal(together, apart)
+    assert not np.array_equal(*together)
 
 
 def test_the_torque_of_a_geared_motor_is_not_that_of_its_joint():

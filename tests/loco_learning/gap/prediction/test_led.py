@@ -15,6 +15,7 @@ from loco_learning.gap.prediction.forward import Forward
 from loco_learning.gap.recordings.record import Record
 from loco_sim.bolted.loop import Bolted
 from loco_sim.plant.model import Model
+from loco_sim.robot import robot
 
 DT, ROWS = 0.005, 1600
 FRICTION = {"name": "coulomb_friction", "joint": "pivot", "torque": 0.03}
@@ -180,6 +181,19 @@ def test_what_a_model_says_of_commands_and_drives_is_done_to_the_torque_it_was_t
     left = rms(led.InverseDynamics(right, [record]))
     assert left < 0.3 * rms(led.InverseDynamics(PENDULUM, [record]))
     assert left < 0.05 * np.nanstd(led.InverseDynamics(right, [record]).measured[0])
+
+
+@pytest.mark.parametrize("joint_torque", [False, True])
+def test_a_torque_that_passes_through_a_drive_has_no_spring_in_it(tmp_path, joint_torque):
+    for file in robot.load("pendulum").folder.glob("*.*"):
+        (tmp_path / file.name).write_text(file.read_text())
+    spring = "springs:\n  pivot: {kind: linear, stiffness: 3.0, rest: 0.2}\n"
+    (tmp_path / "robot.yaml").open("a").write(spring)
+    record = replace(swung(), joint_torque=joint_torque)
+    delayed = Model(str(tmp_path), {}, [{"name": "actuator_lag", "time": 1e-4}])
+    (passed,) = led._with_torques(delayed, [record])
+    change = passed.command["torque"][2:] - record.command["torque"][1:-1]
+    assert np.median(np.abs(change)) < 0.01 * np.abs(record.command["torque"]).max()
 
 
 @pytest.mark.parametrize("effect", [{"name": "sensor_bias", "q": 0.01},

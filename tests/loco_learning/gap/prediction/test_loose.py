@@ -79,18 +79,21 @@ def lifted(request, tmp_path):
     (tmp_path / "robot.yaml").write_text(yaml.safe_dump(about))
     model, rng = Model(str(tmp_path)), np.random.default_rng(4)
 
-    def make(first, effects=(), rest=0.0, window=0.0):
+    def make(first, effects=(), rest=0.0, window=0.0, torque=0.0):
         t, made = np.arange(700) / 100.0, []
         for at in (0.0, 1.0):
             told = 0.8 + 0.3 * np.sin(4.0 * t + at) * (t > rest)
             command = {"position": told[:, None]}
             q = np.full((len(t), 1), 0.8)
-            empty = Record("r", t, command, ("pivot",), {"q": q}, ("pivot",))
+            empty = Record("r", t, command, ("pivot",), {"q": q, "tau": q}, ("pivot",))
             forward = Forward(model, [empty])
             forward._starts = [[Start(0, len(t), np.array([0.8]), np.zeros(1))]]
-            (q,) = forward(effects, step=1 / 8)
-            q = q + 1e-4 * rng.standard_normal(q.shape)
-            made.append(replace(empty, signals={"q": q}).rows(first, first + 400))
+            (said,) = forward(effects, step=1 / 8)
+            q, tau = np.split(said, 2, axis=1)
+            signals = {"q": q + 1e-4 * rng.standard_normal(q.shape)}
+            if torque:
+                signals["tau"] = tau + torque * rng.standard_normal(q.shape)
+            made.append(replace(empty, signals=signals).rows(first, first + 400))
         return cases.prepare(Forward(model, made, ForwardParams(window=window)), made[:1], made[1:])
 
     return make
@@ -127,6 +130,15 @@ def test_what_an_integrator_holds_when_a_piece_begins_is_no_gap(lifted, first):
     assert len(case.forward.starts[0]) == 8
     assert evidence.rms(case.kept().whitened([])) < 3.0  # each piece begins in a measured speed
     assert evidence.rms(other.bare([])) > 100.0
+
+
+def test_a_measured_torque_tells_what_an_integrator_holds_whatever_acts_beside_the_drive(lifted):
+    """A spring that the given model lacks, where inverse dynamics takes its torque for held."""
+    beside = [{"name": "added_stiffness", "stiffness": 1.5}]
+    case = lifted(220, beside)
+    told = lifted(220, beside, torque=0.05)
+    positions = [rows[:, :1] for rows in told.bare(beside)]
+    assert evidence.rms(case.bare(beside)) > 8.0 * evidence.rms(positions)
 
 
 def test_an_effect_is_told_from_what_an_integrator_holds(lifted):

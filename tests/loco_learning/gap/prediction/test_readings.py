@@ -91,6 +91,14 @@ def test_a_right_model_leaves_noise_whenever_its_readings_were_taken(rod, read, 
     assert has_gap(case.bare([]))
 
 
+def test_torques_of_an_instant_are_told_where_the_model_makes_one_step_a_row(rod):
+    forward = rod(read="after").forward
+    once = Forward(Model(forward.model.robot, {"sim.physics_rate": RATE}), forward.records)
+    fine, coarse = (f.reading_times([], {}, 1e-3)[0][:, 1, 2:] for f in (forward, once))
+    assert np.abs(fine).max() > 0.05
+    np.testing.assert_allclose(coarse, fine, atol=0.2 * np.abs(fine).max())
+
+
 def test_a_drive_that_samples_takes_damping_away_and_that_is_no_gap(rod):
     """Half a period of 0.1 ms takes 1.5 % of a small damping; the commands are not late."""
     case = rod(roles=("q",), kd=0.04)

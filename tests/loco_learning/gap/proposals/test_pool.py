@@ -3,11 +3,16 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
 import pytest
 
 from loco_learning.gap.proposals import pool
 from loco_learning.gap.proposals.excitation import library
 from loco_sim.plant.model import Model
+from loco_sim.robot.spring import SpringParams
 
 
 @pytest.fixture(scope="module")
@@ -43,3 +48,14 @@ def test_a_robot_that_is_always_bolted_keeps_all_of_its_experiments():
 def test_where_none_is_held_alike_all_are_left(experiments):
     on_stand = [e for e in experiments if e.overrides.get("fixed_base")]
     assert pool.usable(Model("tigrillo"), on_stand, [robot({})]) == on_stand
+
+
+@pytest.mark.parametrize(("asked", "reason"), [(0.0, ""), (2.0, "pivot meets its torque limit")])
+def test_a_spring_is_none_of_the_torque_that_a_drive_is_limited_to(asked, reason):
+    spring = SpringParams(kind="linear", stiffness=30.0)
+    plant = replace(Model("pendulum").make_robot(), springs={"pivot": spring})
+    q = np.linspace(-0.5, 0.5, 11)[:, None]
+    log = SimpleNamespace(q=q, dq=0.0 * q, tau=asked - 30.0 * q, fall="",
+                          experiment=SimpleNamespace(plant=plant))  # fmt: skip
+    assert plant.effort[0] < 15.0
+    assert pool.limit_violation(log) == reason

@@ -12,7 +12,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from copy import copy
 from dataclasses import dataclass
 from typing import Any
 
@@ -117,9 +116,10 @@ def visible_specs(case: Case, specs: Specs, overrides: Mapping[str, Any]) -> Spe
         specs: Effects of the model.
         overrides: Values of robot.yaml, over those of the model.
     """
-    robot, forward = case.forward.given(), copy(case.forward)
+    robot = case.forward.given()
     joints = [robot.joints[j] for j in robot.driven]
-    forward.channels = tuple(Channel("tau", joint, "N·m") for joint in joints)
+    channels = [Channel("tau", joint, "N·m") for joint in joints]
+    forward = case.forward.with_channels(channels, joint_torque=True)  # springs load it as well
     torques = np.concatenate(forward(specs, overrides, case.fitted))
     states = [joint_states(case.records[i], case.forward.robot(i)) for i in case.fitted]
     q, dq = (np.concatenate(parts)[:, robot.driven] for parts in zip(*states, strict=True))

@@ -23,7 +23,6 @@ import numpy as np
 from loco_control.exceptions import ParameterError
 from loco_control.params import Params, parameter
 from loco_sim.bolted.loop import needs_engine
-from loco_sim.drives.spring_kernels import spring_torques
 from loco_sim.effects import EFFECTS, from_list
 from loco_sim.effects.base import Effect
 from loco_sim.effects.identity import READ_AS
@@ -45,6 +44,7 @@ MAX_ROBOTS = 256  # size of the cache of robots
 MAX_BYTES = 2**25  # size of the cache of predictions, at least one (taste)
 REST_SPEED, AT_HOME = 0.3, 0.02  # speed [rad/s] and distance from standing [rad] of a robot at rest
 MIN_FALL = 2e-4  # fall of a joint before its first sample [rad]
+HELD_ROWS = 30  # rows whose measured torques tell what integrators hold at the first (taste)
 SIGMAS = 5.0  # sensor deviations above which a joint of a fixed robot is not in its standing pose
 
 
@@ -189,7 +189,7 @@ class Forward:
         record = self.records[index]
         every = {**self.model.overrides, **record.overrides, **overrides}
         values = json.dumps(every, sort_keys=True, default=repr)
-        key = values, running.period(record), step
+        key = values, running.period(record), step, record.joint_torque
         if key not in self._robots:
             if len(self._robots) >= MAX_ROBOTS:
                 self._robots.clear()
@@ -290,6 +290,8 @@ class Forward:
             if not record.simulated:
                 chain, dt = from_list([*self.model.effects, *specs]), running.period(record)
                 starts = true_starts(record, robot, chain, self._starts[i])
+                if running.steps_in(dt, robot.sim.physics_rate) < 2:  # none within a row
+                    robot = self._robot(i, values, 0.5)
                 run = robot, chain, self._commands[i], starts, dt, self.channels
                 change[..., 2:] = running.instants(*run)
             changes.append(np.nan_to_num(change))
@@ -371,15 +373,21 @@ class Forward:
 
         Torques are infinite where they are not those of the motor, which drives a rotor first.
         """
-        robot, other = self.robot(), copy(self)
-        other.channels = tuple(Channel(s, j, "") for s in ("tau", "q", "dq") for j in robot.joints)
-        other._stamps = [{} for _ in self.records]
-        tau, q, dq = np.split(np.concatenate(other()), 3, axis=1)
-        for j in (j for j, joint in enumerate(robot.joints) if joint in robot.springs):
-            held = spring_torques(q[:, j], dq[:, j], robot.springs[robot.joints[j]].row())
-            tau[:, j] -= np.where(tau[:, j] == 0.0, 0.0, held)  # 0 before the first step
+        robot = self.robot()
+        channels = [Channel(s, j, "") for s in ("tau", "q", "dq") for j in robot.joints]
+        tau, q, dq = np.split(np.concatenate(self.with_channels(channels)()), 3, axis=1)
         rotors = [getattr(robot.drives.get(j), "rotor_inertia", 0.0) for j in robot.joints]
         return np.where(np.greater(rotors, 0.0), np.inf, np.nan_to_num(tau)), np.nan_to_num(dq)
+
+    def with_channels(self, channels: Sequence[Channel], joint_torque: bool = False) -> Forward:
+        """Copy that predicts other channels, at the times of the rows.
+
+        Torques are those of the drives alone, or of all that acts in a joint if `joint_torque`.
+        """
+        other = copy(self)
+        other.records = tuple(replace(r, joint_torque=joint_torque) for r in self.records)
+        other.channels, other._stamps = tuple(channels), [{} for _ in self.records]
+        return other
 
     def persistence(self) -> list[np.ndarray]:
         """Persistence forecasts: each signal keeps its first value in a piece, (T, C) per record.
@@ -534,23 +542,49 @@ def with_integrals(
 ) -> list[Start]:
     """Initial states with integrators of drives, and friction, as the measured motion needs them.
 
-    At the first sample integrators are as inverse dynamics says if `loaded`, else 0; where later
-    pieces begin, as the drives on the measured motion have changed them since. Friction that
-    springs back holds what drives and springs of a whole record do not give (`Start.needed`).
+    At the first sample integrators are as the measured torques of drives say, or else inverse
+    dynamics, if `loaded`, else 0; where later pieces begin, as the drives on the measured motion
+    have changed them since. Friction that springs back holds what drives and springs of a whole
+    record do not give (`Start.needed`).
     """
     integrates = running.integral_limits(robot).any()
     complete = bool(starts) and (starts[0].row, starts[0].stop) == (0, len(record.t))
     if not integrates and not (complete and robot.fixed_base):
         return starts
     dt, state = running.period(record), windows.first_state(record, robot)
-    first = running.integrals(robot, commands, dt, state) if loaded else np.zeros(len(robot.joints))
+    first = np.zeros(len(robot.joints))
+    if loaded and integrates:
+        first = _held(record, robot, commands, running.integrals(robot, commands, dt, state))
     if complete or not starts:
         initial = starts[0] if complete and not integrates else Start(0, len(record.t), *state[:2])
         loaded_start = initial._replace(integral=first, needed=running.needed(robot, dt, state))
         return [loaded_start] if robot.fixed_base else starts
     motion = np.stack([bridged(each) for each in windows.joint_states(record, robot)])
-    along = running.integrals_along(robot, commands, dt, motion, first)
+    along, _ = running.along(robot, commands, dt, motion, first)
     return [s._replace(integral=along[s.row]) for s in starts]
+
+
+def _held(
+    record: Record, robot: Robot, commands: running.CommandSequence, first: np.ndarray
+) -> np.ndarray:
+    """Torques of integrators at the first sample by the measured torques of their drives, (n,).
+
+    They are true whatever acts beside the drives, of which inverse dynamics knows nothing.
+
+    Args:
+        record: Record of the robot.
+        robot: The robot.
+        commands: Commands to the robot in each row.
+        first: Torques by inverse dynamics, (n,), for joints whose torque was not measured.
+    """
+    if record.joint_torque or not record.has("tau"):
+        return first
+    limit, dt = running.integral_limits(robot), running.period(record)
+    motion = np.stack([bridged(each) for each in windows.joint_states(record, robot)])
+    _, torque = running.along(robot, commands, dt, motion[:, :HELD_ROWS], first)
+    error = record.read_of(robot, "tau")[1 : HELD_ROWS + 1] - torque[: len(record.t) - 1]
+    rows = np.where(np.isfinite(error).any(axis=0), error, 0.0)
+    return np.clip(first + np.nanmedian(rows, axis=0), -limit, limit)
 
 
 def _home(record: Record, robot: Robot, q: np.ndarray) -> np.ndarray:

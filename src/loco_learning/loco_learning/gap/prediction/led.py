@@ -258,7 +258,8 @@ def _with_torques(model: Model, records: Sequence[Record]) -> list[Record]:
     for record in records:
         robot = model.make_robot(record.overrides)
         torque = record.command_of(robot, "torque")
-        with_torque = replace(record, signals={**record.signals, "tau": torque})
+        signals = {**record.signals, "tau": torque}
+        with_torque = replace(record, signals=signals, joint_torque=False)
         params = ForwardParams(window=WINDOWS[-1], signals=("tau",))
         runs = Forward(Model(model.robot, model.overrides, acting), [with_torque], params)
         drives = [robot.drives[joint] for joint in robot.joints]

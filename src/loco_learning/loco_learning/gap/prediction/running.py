@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -141,28 +142,33 @@ def needed(robot: Robot, dt: float, state: np.ndarray) -> np.ndarray:
     return moved[0] + weight[0] @ plant.gravity
 
 
-def integrals_along(
+def along(
     robot: Robot, commands: CommandSequence, dt: float, motion: np.ndarray, first: np.ndarray
-) -> np.ndarray:
-    """Torques of integrators while drives act on a measured motion [N·m or N], (T, n).
+) -> tuple[np.ndarray, np.ndarray]:
+    """Torques of drives that act on a measured motion [N·m or N].
 
     Args:
         robot: The robot.
         commands: Commands.
         dt: Time between rows [s].
         motion: Joint positions and velocities, (2, T, n).
-        first: Torques at the first row, (n,).
+        first: Torques of integrators at the first row, (n,).
+
+    Returns:
+        Torques of integrators at each row, (T, n); mean torques of the drives from each row to the
+        next, without springs, (T, n).
     """
     steps, table = steps_in(dt, robot.sim.physics_rate), motion.transpose(1, 0, 2)
-    loops, result = Actuators(robot, dt / steps), np.zeros(motion[0].shape)
+    loops = Actuators(replace(robot, springs={}), dt / steps)
+    integral, torque = np.zeros((2, *motion[0].shape))
     loops.start(*table[0], 0, first)
     changes = np.diff(table, axis=0, append=table[-1:]) / steps
     for row, (state, change) in enumerate(zip(table, changes, strict=True)):
-        result[row] = loops.rows()[2][:, INTEGRAL]
+        integral[row] = loops.rows()[2][:, INTEGRAL]
         loops.follow(*robot.coupled(commands.q[row], commands.dq[row]))
         for k in range(steps):
-            loops.torque(*(state + k * change))
-    return result
+            torque[row] += np.divide(loops.torque(*(state + k * change)), steps)
+    return integral, torque + commands.tau[: len(torque)]
 
 
 def run(

@@ -11,6 +11,7 @@ import numpy as np
 from loco_control.exceptions import DivergedError, LocoError, NameUnknownError, ParameterError
 from loco_sim import lazy
 from loco_sim.bolted.loop import Bolted, needs_engine
+from loco_sim.drives.spring_kernels import spring_torques
 from loco_sim.effects import from_list
 from loco_sim.plant.joint_commands import JointCommands
 from loco_sim.plant.model import Model
@@ -199,7 +200,10 @@ def limit_violation(log: Log) -> str:
         if np.abs(log.dq[:, i]).max() > fastest.get(name, np.inf):
             return f"{name} is faster than {fastest[name]:g} rad/s"
         geared = getattr(robot.drives.get(name), "rotor_inertia", 0.0) > 0.0  # limit of the motor
-        if not geared and np.abs(log.tau[:, i]).max() > 0.98 * robot.effort[i]:
+        tau = log.tau[:, i]
+        if name in robot.springs:  # which act beside the drive
+            tau = tau - spring_torques(log.q[:, i], log.dq[:, i], robot.springs[name].row())
+        if not geared and np.abs(tau).max() > 0.98 * robot.effort[i]:
             return f"{name} meets its torque limit"
     return ""
 
