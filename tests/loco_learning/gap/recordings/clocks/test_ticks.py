@@ -72,3 +72,17 @@ def test_the_times_of_a_record_are_those_of_even_commands(hinge):
     assert np.array_equal(made.command["position"][:, 0], command[1 : count + 1])
     off = made.signals["q"][:, 0] - motion(made.t + t[1] - 1e-3)
     assert np.nanstd(off) < 1e-4
+
+
+@pytest.mark.parametrize("jitter", [0.0, 0.05])
+@pytest.mark.parametrize("share", [0.0, 0.01, 0.05, 0.2, 0.4])
+def test_dropped_readings_leave_the_period_as_it_was(share, jitter):
+    rng = np.random.default_rng(7)
+    even = (np.arange(4000) + jitter * rng.standard_normal(4000)) / RATE
+    stays = rng.random(len(even)) >= share
+    assert ticks.period(even[stays]) == pytest.approx(1.0 / RATE, rel=2e-3)
+
+
+def test_the_period_of_readings_at_any_times_is_their_mean():
+    t = np.cumsum(np.random.default_rng(7).uniform(0.2, 1.8, 4000)) / RATE
+    assert ticks.period(t) == pytest.approx(float(np.mean(np.diff(t))), rel=1e-9)

@@ -137,6 +137,9 @@ class TickParams:
             readings to be moved to evenly spaced times. Taste.
         mostly: Share of times with a reading of their own above which the other times lost
             theirs. Theory: a half, as with two times per reading.
+        dropped: Rms distance of the times between readings from whole numbers of periods, in
+            periods, up to which the longer ones are those of dropped readings. Theory: half of
+            that of times of any length, 0.29.
     """
 
     even: float = 1e-3
@@ -145,6 +148,7 @@ class TickParams:
     sparse: float = 1.5
     whole: float = 0.05
     mostly: float = 0.5
+    dropped: float = 0.144
 
 
 CUTS, LINES, SERIES, RATES, TICKS = (

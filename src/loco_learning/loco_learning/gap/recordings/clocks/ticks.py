@@ -27,10 +27,15 @@ def axis(tracks: Sequence[Track], start: float, end: float, rate: float) -> np.n
 
 
 def period(t: np.ndarray) -> float:
-    """Typical time between time stamps [s]: the mean without gaps."""
+    """Typical time between time stamps [s]: the mean without gaps.
+
+    Where single readings were dropped the time to the next is a whole number of periods.
+    """
     step = np.diff(t)
     usual = step[step <= CUTS.silence * np.median(step)]
-    return float(np.mean(usual))
+    periods = np.round(usual / np.median(step))
+    off = np.sqrt(np.mean((usual / np.median(step) - periods) ** 2))
+    return float(np.mean(usual) / (np.mean(periods) if off <= TICKS.dropped else 1.0))
 
 
 def hold(track: Track, axis: np.ndarray) -> np.ndarray:
