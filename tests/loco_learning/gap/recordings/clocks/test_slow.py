@@ -48,6 +48,30 @@ def test_commands_faster_than_the_physics_are_drawn_once_per_step(signals, comma
     assert made.dt == pytest.approx(1.0 / commanded.sim.physics_rate)
 
 
+def lost(every, of):
+    """A log that keeps one value in `every`; of these one in `of` is lost."""
+    def change(track):
+        kept = np.arange(0, len(track.t), every)
+        kept = np.delete(kept, np.arange(of // 2, len(kept), of))
+        return replace(track, t=track.t[kept], x=track.x[kept])
+    return change
+
+
+@pytest.mark.parametrize("of", [15, 30, 1000])
+@pytest.mark.parametrize("loser", ["q", "dq", "command_position", "q command_position"])
+def test_a_log_that_lost_a_few_values_is_as_slow_as_without_the_loss(signals, commanded, of, loser):
+    """One empty cell let all commands be held until the next row: friction was named on a null."""
+    roles = ("q", "dq", "command_position")
+    kept = {r: lost(2, of) if r in loser.split() else thin(2) for r in roles}
+    made = align.record("run", signals(seconds=8.0, **kept), commanded)
+    whole = signals(seconds=8.0)[0].x
+    command = made.command["position"][:, 0]
+    assert made.dt == pytest.approx(0.01)
+    off = np.abs(command - whole[: len(command)])[50:-50]
+    held = np.abs(np.repeat(whole[::2], 2)[: len(whole)] - whole)[50:-50]
+    assert np.max(off) < 0.2 * np.max(held)
+
+
 CURVES = {
     "smooth": lambda t: 0.9 * np.sin(4.0 * t) + 0.4 * np.sin(11.0 * t),
     "corners": lambda t: np.abs((1.3 * t) % 2.0 - 1.0),

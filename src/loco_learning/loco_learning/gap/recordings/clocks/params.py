@@ -112,12 +112,15 @@ class SlowParams:
             between them is that of their noise (taste).
         degrees: Degrees of the curves that are tried between values: 3 is a local cubic, 5 a
             spline. Theory: errors fall with the distance of values to the power of degree + 1.
+        shared: Share of the time stamps of a command, or of a position if it has fewer, that both
+            have if they are logged in the same rows. Taste: one row in ten may lack a value.
     """
 
     ratio: float = 1.5
     samples: int = 24
     close: float = 0.1
     degrees: tuple[int, ...] = (3, 5)
+    shared: float = 0.9
 
 
 @dataclass(frozen=True)

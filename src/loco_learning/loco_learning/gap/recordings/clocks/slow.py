@@ -27,6 +27,8 @@ interpolate = lazy.module("scipy.interpolate")  # loaded on first use
 def undersampled(tracks: Sequence[Track], rate: float, robot: Robot) -> list[Track]:
     """Commands logged in the rows of the angles, more rarely than robot.yaml says they are given.
 
+    Rows may lack a few readings or commands: most time stamps are shared.
+
     Args:
         tracks: Signals with rising time stamps.
         rate: Rate of angles and commands [Hz].
@@ -34,9 +36,16 @@ def undersampled(tracks: Sequence[Track], rate: float, robot: Robot) -> list[Tra
     """
     if not robot.rate_stated or robot.control_rate < RATES.ratio * rate:
         return []
-    rows = {track.t.tobytes() for track in tracks if track.role == "q"}
+    rows = [track.t for track in tracks if track.role == "q"]
     commands = [k for k in tracks if k.role.startswith("command_") and k.between == ""]
-    return [k for k in commands if k.t.tobytes() in rows and len(k.t) >= RATES.samples]
+    return [
+        k
+        for k in commands
+        if len(k.t) >= RATES.samples
+        and any(
+            np.isin(k.t, t).sum() >= RATES.shared * min(len(k.t), len(t)) for t in rows if len(t)
+        )
+    ]
 
 
 def multiple(rate: float, robot: Robot) -> float:
