@@ -37,7 +37,7 @@ def test_patterns_choose_among_effects_of_the_ground():
         cases.plan(1, 3, ("hyq_trot",), ("backlash",))  # it is of robots that are held
 
 
-@pytest.mark.parametrize("more", [{"baselines": ["cma"]}, {"follow": 1}, {"settings": 1}])
+@pytest.mark.parametrize("more", [{"baselines": ["cma"]}, {"follow": 1}])
 def test_what_is_for_robots_that_are_held_is_refused(more):
     asked = {"cases": 1, "workers": 1, "limit": 1.0, "robots": ["hyq_trot"], "baselines": None}
     asked |= {"follow": 0, "settings": 0}

@@ -9,6 +9,7 @@ import time
 from typing import Any
 
 import numpy as np
+from rclpy.duration import Duration
 
 from loco_control.exceptions import GraphError
 from loco_control.ros.messages.installed import profile
@@ -101,7 +102,9 @@ def pub(client: Client, a: argparse.Namespace) -> None:
         publisher.publish(message)
         write(f"publishing #{count}: {message!r}\n\n")
         sys.stdout.flush()
-        if count == times:
-            client.spin(a.keep_alive)  # else the node would be gone before the message is sent
+        if count == times:  # the node must not be gone before all have the message
+            if reliable:  # a subscription that does not know the publisher yet gets it again
+                publisher.wait_for_all_acked(Duration(seconds=DISCOVERY))
+            client.spin(a.keep_alive)
             return
         client.spin(1.0 / a.rate)
