@@ -227,9 +227,7 @@ def load(name_or_path: str | Path, overrides: Mapping[str, Any] | None = None) -
     values = equipment.expanded(values, joints, description.links(), path)
     equipment.override(values, overrides or {}, description.links())
     driven = np.array([joint in values["drives"] for joint in joints], dtype=bool)
-    limits[driven & (limits <= 0.0)] = (
-        math.inf
-    )  # exporters write 0 where nothing is known; a drive has a torque
+    limits[driven & (limits <= 0.0)] = math.inf  # exporters write 0 where they know nothing
     try:
         fitted = _fit(path.parent, text, description, joints, feet, values)
     except ParameterError as error:

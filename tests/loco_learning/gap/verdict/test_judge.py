@@ -31,7 +31,7 @@ def judgement(**attributes):
     """A judgement of which only some attributes are known."""
     one = judge.Judgement.__new__(judge.Judgement)
     one.about, one.fits, one.converged, one.lost, one.known = None, {}, set(), {}, {}
-    one.left = set()
+    one.replaced = set()
     vars(one).update(attributes)
     return one
 
@@ -171,14 +171,15 @@ def test_what_the_best_model_equals_at_a_bound_is_fitted_once(stroke, rms, asked
 
     tried = []
 
-    def fitted(parts):
-        tried.append([h.effect for h, _ in parts])
-        return model(parts, 1.1)
+    def each(function, tasks):
+        assert function is judge.fit
+        tried.extend([h.effect for h, _ in parts] for parts, _ in tasks)
+        return [model(parts, 1.1) for parts, _ in tasks]
 
     offered = [at("coulomb_friction"), at("coulomb_friction", "hip"), at("payload")]
-    judging = judgement(_fitted=fitted, _anew=list)
+    judging = judgement(_anew=list)
     judging.found = Some(screened=[Screened(h, 0.1, x) for h, x in offered])
-    judging.search = Some(energy=lambda m: m.rms)
+    judging.search = Some(energy=lambda m: m.rms, each=each, setting=None)
     models = model([at("viscous_friction"), (law, (1.0, stroke))], rms), model([at("payload")], 2.0)
     judging.fits = {m.key: m for m in models}
     judging._leave_bounds()

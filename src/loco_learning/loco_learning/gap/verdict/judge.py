@@ -152,7 +152,7 @@ class Judgement:
         self.case, self.search, self.found = case, search, pool
         self.fits = {m.key: m for m in reversed([pool.base, *pool.models])}
         self.converged: set[str] = {pool.base.key}
-        self.left: set[str] = set()  # keys of models on a bound, for which others were fitted
+        self.replaced: set[str] = set()  # keys of models on a bound, for which others were fitted
         self.lost: dict[str, tuple[Fitted, ...]] = {}  # models without each effect, by key
         self.about: list[dict] | None = None
         self.known: dict[str, tuple[Fitted, tuple]] = {}  # sensitivities of models, by key
@@ -208,20 +208,23 @@ class Judgement:
         while True:
             model = min(self.fits.values(), key=lambda m: (self.search.energy(m), m.key))
             bounded = [i for i, part in enumerate(model.parts) if on_edge(*part, CRITERION.edge)]
-            if not bounded or model.key in self.left:
+            if not bounded or model.key in self.replaced:
                 return
-            self.left.add(model.key)
-            for i in bounded:
-                h, rest = model.parts[i][0], [p for j, p in enumerate(model.parts) if j != i]
-                alike = [
-                    (s.hypothesis, s.x)
-                    for s in self.found.screened
-                    if s.hypothesis.effect in look_alike_names(h)
-                    and s.hypothesis.place == h.place
-                    and s.hypothesis.key not in {other.key for other, _ in rest}
-                ]
-                variants = [rest, *([*rest, part] for part in alike)]
-                self._put(self._anew([self._fitted(parts) for parts in variants if parts]))
+            self.replaced.add(model.key)
+            variants = [parts for i in bounded for parts in self._equal(model, i)]
+            tasks = [(parts, self.search.setting) for parts in variants if parts]
+            self._put(self._anew(list(self.search.each(fit, tasks))))
+
+    def _equal(self, model: Fitted, index: int) -> list[tuple]:
+        """Parts of a model without one effect, alone and with each of its look-alikes there."""
+        h, rest = model.parts[index][0], _parts_without(model, index)
+        present = {other.key for other, _ in rest}
+        alike = [
+            (s.hypothesis, s.x)
+            for s in self.found.screened
+            if s.hypothesis.effect in look_alike_names(h) and s.hypothesis.place == h.place
+        ]
+        return [rest, *((*rest, part) for part in alike if part[0].key not in present)]
 
     def _unusual(self, model: Fitted) -> float:
         """Prior penalty of the free values of the robot [nat]."""
@@ -348,8 +351,8 @@ class Judgement:
 
     def _without(self, model: Fitted, index: int) -> Fitted:
         """The model without one effect, the others refitted from their coordinates."""
-        left = [part for i, part in enumerate(model.parts) if i != index]
-        return self._anew([self._fitted(left)])[0] if left else self.found.base
+        parts = _parts_without(model, index)
+        return self._anew([self._fitted(parts)])[0] if parts else self.found.base
 
     def _swaps(self, model: Fitted, index: int, without: Fitted) -> list[Fitted]:
         """Models with another effect, or the same at another place, instead of one effect.
@@ -358,7 +361,8 @@ class Judgement:
         others, because it explains less beside this one.
         """
         target = model.parts[index][0]
-        remaining = sorted(h.key for i, (h, _) in enumerate(model.parts) if i != index)
+        rest = _parts_without(model, index)
+        remaining = sorted(h.key for h, _ in rest)
         fitted: dict[str, Fitted] = {}
         for other in sorted(self.fits.values(), key=lambda m: (self.search.energy(m), m.key)):
             keys = [h.key for h, _ in other.parts]
@@ -371,7 +375,6 @@ class Judgement:
             for s in leading(self.found.screened, target)
             if s.hypothesis.key not in (*fitted, *remaining)
         ]
-        rest = tuple(part for i, part in enumerate(model.parts) if i != index)
         similar = min(N_LOOK_ALIKES, sum(h.effect in look_alike_names(target) for h, _ in new))
         new = new[: max(similar, RIVAL_NAMES - len({m.key for m in fitted.values()}))]
         if rest and not self.search.adequate(model):
@@ -381,6 +384,11 @@ class Judgement:
         models = [*fitted.values(), *self.search.fitted([(*rest, part) for part in new])]
         models.sort(key=lambda m: (self.search.energy(m), m.key))
         return self._anew(select(models, target, remaining))
+
+
+def _parts_without(model: Fitted, index: int) -> tuple:
+    """Parts of a model without one of them."""
+    return tuple(part for i, part in enumerate(model.parts) if i != index)
 
 
 def _negligible_joints(hypothesis: Hypothesis, estimates: Sequence[Estimate]) -> set[str]:

@@ -196,20 +196,17 @@ class RestAngleError(Elastic, name="rest_angle_error"):
 class EndStop(Elastic, name="end_stop"):
     """A soft stop limits the joint at an angle; list it twice for both sides.
 
-    For a negative angle the stop is on the other side, unless `side` says which way it stops. A stop
-    only pushes.
+    For a negative angle the stop is on the other side, unless `side` says which way it stops. A
+    stop only pushes.
     """
 
     angle: float = parameter(0.0, "angle from the joint's rest; 0: no stop", "rad", -3.2, 3.2)
     stiffness: float = parameter(20.0, "of the stop", "N·m/rad", 1e-3, 1e6)
     damping: float = parameter(0.0, "of the stop", "N·m·s/rad", 0.0, 1e4)
     side: float = parameter(
-        0.0,
-        "1: stops motion to larger angles, -1: to smaller ones; 0: sign of the angle",
-        "-",
-        -1,
-        1,
-    )
+        0.0, "1: stops motion to larger angles, -1: to smaller ones; 0: sign of the angle",
+        "-", -1, 1,
+    )  # fmt: skip
     law = rows.END_STOP
 
     identity = Identity(

@@ -38,14 +38,14 @@ def undersampled(tracks: Sequence[Track], rate: float, robot: Robot) -> list[Tra
         return []
     rows = [track.t for track in tracks if track.role == "q"]
     commands = [k for k in tracks if k.role.startswith("command_") and k.between == ""]
-    return [
-        k
-        for k in commands
-        if len(k.t) >= RATES.samples
-        and any(
-            np.isin(k.t, t).sum() >= RATES.shared * min(len(k.t), len(t)) for t in rows if len(t)
-        )
-    ]
+    long = [k for k in commands if len(k.t) >= RATES.samples]
+    return [k for k in long if any(_same_rows(k.t, t) for t in rows)]
+
+
+def _same_rows(t: np.ndarray, other: np.ndarray) -> bool:
+    """True if two signals with these time stamps were logged in the same rows."""
+    count = min(len(t), len(other))
+    return count > 0 and np.isin(t, other).sum() >= RATES.shared * count
 
 
 def multiple(rate: float, robot: Robot) -> float:

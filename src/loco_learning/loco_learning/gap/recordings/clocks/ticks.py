@@ -33,8 +33,9 @@ def period(t: np.ndarray) -> float:
     """
     step = np.diff(t)
     usual = step[step <= CUTS.silence * np.median(step)]
-    periods = np.round(usual / np.median(step))
-    off = np.sqrt(np.mean((usual / np.median(step) - periods) ** 2))
+    lengths = usual / np.median(step)
+    periods = np.round(lengths)
+    off = np.sqrt(np.mean((lengths - periods) ** 2))
     return float(np.mean(usual) / (np.mean(periods) if off <= TICKS.dropped else 1.0))
 
 
