@@ -108,7 +108,7 @@ class Evidence:
     Args:
         entries: Entries of the plan.
         folder: Folder that holds a folder per entry.
-        other_results: Results of entries that are not studies, by name, as functions without arguments.
+        other_results: Results of entries that are not studies, by name, as functions of nothing.
         change: One of the plan's changes; empty for the entries as they are judged.
     """
 

@@ -40,6 +40,7 @@ from ..study.trial import CONFIDENCE, share_interval
 AGREES, DISAGREES, OPEN = "agrees", "disagrees", "open"
 HOLDS, ROBOT = "holds by construction", "cannot be judged without the robot"
 VERDICTS = (AGREES, DISAGREES, OPEN, HOLDS, ROBOT)
+DIGITS = 6  # significant digits of numbers that are judged and published (taste)
 LEAST_RUNS = 5  # fewest runs whose range is an interval of the median at `CONFIDENCE`
 Numbers = Mapping[str, float | np.ndarray]
 MEASURES: dict[str, Callable[[Any], Numbers]] = {}
@@ -302,7 +303,8 @@ def judge(claim: Claim, evidence: Any) -> Verdict:
 
 
 def decide(claim: Claim, numbers: Numbers) -> Verdict:
-    """Verdict on one claim from the numbers of its measure."""
+    """Verdict on one claim from the numbers of its measure, rounded to what `as_json` writes."""
+    numbers = {name: _rounded(value) for name, value in numbers.items()}
     text = "; ".join(_number_text(k, value, claim.rule.get(k)) for k, value in numbers.items())
     if claim.robot:
         return Verdict(claim, text, ROBOT, claim.robot, numbers)
@@ -327,17 +329,16 @@ def decide(claim: Claim, numbers: Numbers) -> Verdict:
 
 
 def as_json(verdicts: Iterable[Verdict]) -> str:
-    """Numbers of each run by name of the verdict, to six digits; "nan" and "inf" are strings."""
+    """Numbers of each run by name of the verdict; "nan" and "inf" are strings."""
 
     def short(value: float) -> float | int | str:
-        rounded = float(f"{value:.6g}")
-        if not math.isfinite(rounded):
-            return str(rounded)
-        return int(rounded) if rounded == int(rounded) else rounded
+        if not math.isfinite(value):
+            return str(value)
+        return int(value) if value == int(value) else value
 
     lines = []
     for v in verdicts:
-        lists = {k: [short(x) for x in value] if np.ndim(value) else short(value)
+        lists = {k: [short(float(x)) for x in value] if np.ndim(value) else short(float(value))
                  for k, value in v.numbers.items()}  # fmt: skip
         lines.append(f"{json.dumps(v.name)}: {json.dumps(lists)}")
     return "{\n" + ",\n".join(lines) + "\n}\n"
@@ -358,6 +359,13 @@ def tally(verdicts: Iterable[Verdict]) -> str:
     """Number of each verdict that occurs: "13 agrees, 11 disagrees, 23 open"; without changes."""
     counts = Counter(v.verdict for v in verdicts if not v.change)
     return ", ".join(f"{counts[verdict]} {verdict}" for verdict in VERDICTS if counts[verdict])
+
+
+def _rounded(value: float | np.ndarray) -> float | np.ndarray:
+    """A number, or those of the runs, to `DIGITS` significant digits."""
+    if np.ndim(value):
+        return np.array([_rounded(float(x)) for x in np.asarray(value)])
+    return float(f"{value:.{DIGITS}g}")
 
 
 def _finite(value: float | np.ndarray) -> np.ndarray:
