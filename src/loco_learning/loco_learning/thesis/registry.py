@@ -331,16 +331,15 @@ def decide(claim: Claim, numbers: Numbers) -> Verdict:
 def as_json(verdicts: Iterable[Verdict]) -> str:
     """Numbers of each run by name of the verdict; "nan" and "inf" are strings."""
 
-    def short(value: float) -> float | int | str:
-        if not math.isfinite(value):
-            return str(value)
-        return int(value) if value == int(value) else value
+    def short(value: Any) -> Any:
+        if np.ndim(value):
+            return [short(x) for x in value]
+        return str(value) if not math.isfinite(value) else int(value) if value % 1 == 0 else value
 
-    lines = []
-    for v in verdicts:
-        lists = {k: [short(float(x)) for x in value] if np.ndim(value) else short(float(value))
-                 for k, value in v.numbers.items()}  # fmt: skip
-        lines.append(f"{json.dumps(v.name)}: {json.dumps(lists)}")
+    lines = [
+        f"{json.dumps(v.name)}: {json.dumps({k: short(n) for k, n in v.numbers.items()})}"
+        for v in verdicts
+    ]
     return "{\n" + ",\n".join(lines) + "\n}\n"
 
 
@@ -363,9 +362,7 @@ def tally(verdicts: Iterable[Verdict]) -> str:
 
 def _rounded(value: float | np.ndarray) -> float | np.ndarray:
     """A number, or those of the runs, to `DIGITS` significant digits."""
-    if np.ndim(value):
-        return np.array([_rounded(float(x)) for x in np.asarray(value)])
-    return float(f"{value:.{DIGITS}g}")
+    return np.vectorize(lambda x: float(f"{x:.{DIGITS}g}"), otypes=[float])(value)[()]
 
 
 def _finite(value: float | np.ndarray) -> np.ndarray:
