@@ -79,7 +79,7 @@ def lifted(request, tmp_path):
     (tmp_path / "robot.yaml").write_text(yaml.safe_dump(about))
     model, rng = Model(str(tmp_path)), np.random.default_rng(4)
 
-    def make(first, effects=(), rest=0.0, window=0.0, torque=0.0):
+    def make(first, effects=(), rest=0.0, window=0.0, torque=0.0, overrides=None):
         t, made = np.arange(700) / 100.0, []
         for at in (0.0, 1.0):
             told = 0.8 + 0.3 * np.sin(4.0 * t + at) * (t > rest)
@@ -88,7 +88,7 @@ def lifted(request, tmp_path):
             empty = Record("r", t, command, ("pivot",), {"q": q, "tau": q}, ("pivot",))
             forward = Forward(model, [empty])
             forward._starts = [[Start(0, len(t), np.array([0.8]), np.zeros(1))]]
-            (said,) = forward(effects, step=1 / 8)
+            (said,) = forward(effects, overrides, step=1 / 8)
             q, tau = np.split(said, 2, axis=1)
             signals = {"q": q + 1e-4 * rng.standard_normal(q.shape)}
             if torque:
@@ -130,6 +130,39 @@ def test_what_an_integrator_holds_when_a_piece_begins_is_no_gap(lifted, first):
     assert len(case.forward.starts[0]) == 8
     assert evidence.rms(case.kept().whitened([])) < 3.0  # each piece begins in a measured speed
     assert evidence.rms(other.bare([])) > 100.0
+
+
+@pytest.mark.parametrize(
+    ("effects", "overrides"),
+    [
+        ([{"name": "torque_constant_error", "error": 0.18}], {}),
+        ([{"name": "torque_constant_error", "error": -0.3}], {}),
+        ([], {"bodies.rod.mass": 0.6}),
+    ],
+    ids=["stronger motor", "weaker motor", "heavier"],
+)
+@pytest.mark.parametrize("torque", [0.0, 1e-3], ids=["", "torque measured"])
+def test_an_integrator_has_wound_up_by_the_motor_and_the_mass_that_there_are(
+    lifted, effects, overrides, torque
+):
+    """The true model follows a record from its first row, before anything is refitted."""
+    case = lifted(200, effects, rest=2.5, torque=torque, overrides=overrides)
+    assert evidence.rms(case.bare([])) > 10.0
+    assert evidence.rms(case.bare(effects, overrides)) < 1.3
+
+
+@pytest.mark.parametrize(("share", "wound"), [(0.9, False), (0.52, True), (0.1, True)])
+def test_a_drive_was_just_switched_on_only_where_that_is_clearly_better(lifted, share, wound):
+    """Where neither start fits, the one that is a little nearer tells nothing."""
+    forward = lifted(200, rest=2.5).forward
+    begun = forward.starts
+    empty = copy(forward)
+    empty._starts = [[s._replace(integral=0.0) for s in each] for each in begun]
+    forward.measured = [
+        share * none + (1.0 - share) * full
+        for none, full in zip(empty(), copy(forward)(), strict=True)
+    ]
+    assert all(np.any(each[0].integral) == wound for each in forward._switched_on())
 
 
 def test_a_measured_torque_tells_what_an_integrator_holds_whatever_acts_beside_the_drive(lifted):
@@ -177,6 +210,25 @@ def test_friction_that_springs_back_holds_a_joint_when_a_record_begins(
     other.forward._starts = [[s._replace(needed=np.nan) for s in case.forward.starts[0]]]
     assert evidence.rms(case.relined(rubs).kept().whitened(rubs)) < most
     assert evidence.rms(other.bare(rubs)) > unloaded
+
+
+@pytest.mark.parametrize("most", [np.inf, 2.5], ids=["free", "within bounds"])
+def test_a_held_out_record_that_repeats_a_fitted_one_begins_as_that_does(most):
+    """Held-out records do not determine the robot, but their starts suit what is found of it."""
+    rng, rows = np.random.default_rng(5), np.ones(40, dtype=bool)
+    changes = [np.asarray(rng.standard_normal((40, 2))) for _ in range(5)]
+    columns = loose.Columns.of((40, 2), [loose.Response.of(each) for each in changes])
+    residual = 3.0 * rng.standard_normal((40, 2)) + changes[0] - changes[3]
+    two = loose.Loose(
+        ("a", "b"), np.zeros(2), np.ones(2), np.tile([-9.0, 9.0], (2, 1)), np.arange(2),
+        (columns, columns), np.ones(2), (rows, ~rows), (~rows, rows), most, np.array([0.5, 0.0]),
+        np.ones(2, dtype=bool),
+    )  # fmt: skip
+    both = two.best([residual, residual], [0, 1])
+    alone = two.best([residual], [0])
+    assert np.max(np.abs(both[0] - two.at)) > 0.2
+    assert all(np.allclose(a, b) for a, b in zip(both, alone, strict=False))
+    assert np.allclose(both[2], both[1])
 
 
 def test_deviations_stay_within_what_is_believed():

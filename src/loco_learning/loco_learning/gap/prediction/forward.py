@@ -44,6 +44,7 @@ MAX_ROBOTS = 256  # size of the cache of robots
 MAX_BYTES = 2**25  # size of the cache of predictions, at least one (taste)
 REST_SPEED, AT_HOME = 0.3, 0.02  # speed [rad/s] and distance from standing [rad] of a robot at rest
 MIN_FALL = 2e-4  # fall of a joint before its first sample [rad]
+CLEARLY = 0.8  # ratio of squared errors below which one start is better than another (taste)
 HELD_ROWS = 30  # rows whose measured torques tell what integrators hold at the first (taste)
 SIGMAS = 5.0  # sensor deviations above which a joint of a fixed robot is not in its standing pose
 
@@ -141,7 +142,7 @@ class Forward:
             self._starts = self._switched_on()
 
     def _switched_on(self) -> list[list[Start]]:
-        """Initial states, with integrators that begin at 0 in records that these predict better.
+        """Initial states, with integrators that begin at 0 in records that clearly fit better so.
 
         Drives are switched on there, and the acceleration just after that is hardly known.
         """
@@ -153,11 +154,12 @@ class Forward:
         ]
         found = []
         runs = zip(given(), empty(), self.measured, self._starts, empty._starts, strict=True)
-        for loaded, unloaded, wanted, *states in runs:
-            rows = np.isfinite(wanted) & np.isfinite(loaded)
-            first, second = (np.sum(np.where(rows, p - wanted, 0.0) ** 2, axis=0)
+        for loaded, unloaded, target, *states in runs:
+            rows = np.isfinite(target) & np.isfinite(loaded)
+            first, second = (np.sum(np.where(rows, p - target, 0.0) ** 2, axis=0)
                              for p in (loaded, unloaded))  # fmt: skip
-            found.append(states[int(np.sum(second < first) > 0.5 * np.sum(rows.any(axis=0)))])
+            n_clear = np.sum(second < CLEARLY * first)
+            found.append(states[int(n_clear > 0.5 * np.sum(rows.any(axis=0)))])
         return found
 
     def _weighed(self, index: int, values: np.ndarray) -> np.ndarray:
@@ -455,7 +457,10 @@ class Forward:
     def _run(self, index: int, effects: Any, overrides: Mapping, step: float) -> np.ndarray:
         robot, record = self._robot(index, overrides, step), self.records[index]
         effects, dt = from_list([*self.model.effects, *effects]), running.period(record)
-        starts = true_starts(record, robot, effects, self._starts[index])
+        starts = self._starts[index]
+        if overrides:
+            starts = reloaded(record, (self.robot(index), robot), self._commands[index], starts)
+        starts = true_starts(record, robot, effects, starts)
         if self.on_ground(index):
             starts = windows.adjust_starts(robot, effects, starts, self.legs(index))
         commands, stamps = self._commands[index], self._stamps[index]
@@ -552,24 +557,55 @@ def with_integrals(
     if not integrates and not (complete and robot.fixed_base):
         return starts
     dt, state = running.period(record), windows.first_state(record, robot)
-    first = np.zeros(len(robot.joints))
-    if loaded and integrates:
-        first = _held(record, robot, commands, running.integrals(robot, commands, dt, state))
+    needed, first = running.loads(robot, commands, dt, state)
+    wound = np.full(len(first), loaded and integrates)
+    is_measured = ~wound
+    if wound.any():
+        first, is_measured = _held(record, robot, commands, first)
+    first = np.where(wound, first, 0.0)
+    flags = {"wound": wound, "measured": is_measured}
     if complete or not starts:
         initial = starts[0] if complete and not integrates else Start(0, len(record.t), *state[:2])
-        loaded_start = initial._replace(integral=first, needed=running.needed(robot, dt, state))
+        loaded_start = initial._replace(integral=first, needed=needed, **flags)
         return [loaded_start] if robot.fixed_base else starts
     motion = np.stack([bridged(each) for each in windows.joint_states(record, robot)])
     along, _ = running.along(robot, commands, dt, motion, first)
-    return [s._replace(integral=along[s.row]) for s in starts]
+    return [s._replace(integral=along[s.row], **flags) for s in starts]
+
+
+def reloaded(
+    record: Record,
+    robots: tuple[Robot, Robot],
+    commands: running.CommandSequence,
+    starts: list[Start],
+) -> list[Start]:
+    """Initial states of one robot, with the torques that another one needs to begin alike.
+
+    A robot with another mass holds another weight, and its integrators have wound up to it.
+    """
+    if not any(np.isfinite(s.needed).any() or np.any(s.wound) for s in starts):
+        return starts
+    dt = running.period(record)
+    loads = [
+        running.loads(robot, commands, dt, windows.first_state(record, robot)) for robot in robots
+    ]
+    needed, integral = np.diff(loads, axis=0)[0]
+    return [
+        s._replace(
+            integral=s.integral + np.where(s.wound & ~s.measured, integral, 0.0),
+            needed=s.needed + needed,
+        )
+        for s in starts
+    ]
 
 
 def _held(
     record: Record, robot: Robot, commands: running.CommandSequence, first: np.ndarray
-) -> np.ndarray:
-    """Torques of integrators at the first sample by the measured torques of their drives, (n,).
+) -> tuple[np.ndarray, np.ndarray]:
+    """Torques of integrators at the first sample, (n,), and flags of those that were measured.
 
-    They are true whatever acts beside the drives, of which inverse dynamics knows nothing.
+    Measured torques of drives are true whatever acts beside them, of which inverse dynamics knows
+    nothing.
 
     Args:
         record: Record of the robot.
@@ -578,13 +614,14 @@ def _held(
         first: Torques by inverse dynamics, (n,), for joints whose torque was not measured.
     """
     if record.joint_torque or not record.has("tau"):
-        return first
+        return first, np.zeros(len(first), dtype=bool)
     limit, dt = running.integral_limits(robot), running.period(record)
     motion = np.stack([bridged(each) for each in windows.joint_states(record, robot)])
     _, torque = running.along(robot, commands, dt, motion[:, :HELD_ROWS], first)
     error = record.read_of(robot, "tau")[1 : HELD_ROWS + 1] - torque[: len(record.t) - 1]
-    rows = np.where(np.isfinite(error).any(axis=0), error, 0.0)
-    return np.clip(first + np.nanmedian(rows, axis=0), -limit, limit)
+    measured = np.isfinite(error).any(axis=0)
+    rows = np.where(measured, error, 0.0)
+    return np.clip(first + np.nanmedian(rows, axis=0), -limit, limit), measured
 
 
 def _home(record: Record, robot: Robot, q: np.ndarray) -> np.ndarray:

@@ -20,9 +20,9 @@ import numpy as np
 
 from ..statistics import evidence
 from .nominal import legal, nominal_value
+from .running import WINDING
 
 PART = 0.5  # simulated change, in standard deviations; the rest is taken as linear (taste)
-INTEGRAL = 1e-3  # simulated change of an integrator over its limit: below dry friction (taste)
 ROUNDS = 3  # updates of the weights, each from the residual of the previous one (taste)
 TIMES, SHIFT = 4, 0.5  # most linearisations, and deviations that need no further one (taste)
 RANGE = 2.5  # largest deviation of a value where a motion is compared: beyond, it is an effect
@@ -229,30 +229,41 @@ class Loose:
     def _solved(
         self, terms: Sequence[Products], only: Sequence[int], weight: np.ndarray
     ) -> list[np.ndarray]:
+        """Deviations with the lowest cost: values by fitted records, then starts of all by values.
+
+        Held-out records do not determine the robot, but they begin as it does.
+        """
         count = len(self.at)
-        sizes = [len(by) for by in self.unmoved(only)]
-        offsets = np.cumsum(sizes)
-        gram, moment = np.eye(offsets[-1]), np.zeros(offsets[-1])
-        for k, (i, products) in enumerate(zip(only, terms, strict=True)):
-            block = np.r_[np.arange(count), np.arange(offsets[k], offsets[k + 1])]
-            rhs = weight @ products.moment
-            block_gram = np.tensordot(weight, self.grams[i][0], axes=1)
-            if not self.rows[i].any():  # held-out records do not determine the robot
-                block_gram[:count], block_gram[:, :count], rhs[:count] = 0.0, 0.0, 0.0
-            gram[np.ix_(block, block)] += block_gram
-            moment[block] -= rhs
-            moment[block] += block_gram[:, :count] @ self.at
-        if self.held:
-            free = np.arange(count, offsets[-1])
-            solution = np.concatenate([self.at, np.zeros(len(free))])
-            moment = moment[free] - gram[np.ix_(free, np.arange(count))] @ self.at
-            starts = np.full(len(free), self.most)
-            solution[free] = _within(gram[np.ix_(free, free)], moment, (-starts, starts))
-        else:
-            starts = np.full(offsets[-1] - count, self.most)
-            low, high = self.reach
-            solution = _within(gram, moment, (np.r_[low, -starts], np.r_[high, starts]))
-        return np.split(solution, offsets[:-1])
+        parts = [
+            (np.tensordot(weight, self.grams[i][0], axes=1), -weight @ products.moment)
+            for i, products in zip(only, terms, strict=True)
+        ]
+        fitted = [part for i, part in zip(only, parts, strict=True) if self.rows[i].any()]
+        values, starts = self.at if self.held else self._values(fitted), []
+        for gram, moment in parts:
+            moment = moment[count:] - gram[count:, :count] @ (values - self.at)
+            high = np.full(len(moment), self.most)
+            inner = np.eye(len(moment)) + gram[count:, count:]
+            starts.append(_within(inner, moment, (-high, high)))
+        return [values, *starts]
+
+    def _values(self, parts: Sequence[tuple[np.ndarray, np.ndarray]]) -> np.ndarray:
+        """Deviations of values with the lowest cost over all starts, (V,).
+
+        Args:
+            parts: Products of the columns of each fitted record, (K, K), and products of these
+                with its negative residual, (K,).
+        """
+        count = len(self.at)
+        offsets = np.cumsum([count, *(len(moment) - count for _, moment in parts)])
+        total, right = np.eye(offsets[-1]), np.zeros(offsets[-1])
+        for (gram, moment), *ends in zip(parts, offsets[:-1], offsets[1:], strict=True):
+            block = np.r_[np.arange(count), np.arange(*ends)]
+            total[np.ix_(block, block)] += gram
+            right[block] += moment + gram[:, :count] @ self.at
+        starts = np.full(offsets[-1] - count, self.most)
+        low, high = self.reach
+        return _within(total, right, (np.r_[low, -starts], np.r_[high, starts]))[:count]
 
     def far(self, by: Sequence[np.ndarray], exact: bool = False) -> bool:
         """True if values are too far from `at` for the linearisation.
@@ -442,7 +453,7 @@ def _about(
         add(case, loose.values(at), at[k] - loose.at[k], [True] * len(ref))
     count = max((len(s) for s in starts), default=0)
     for k in range(count):
-        part = 1.0 if k < 2 * len(case.forward.robot().joints) else INTEGRAL
+        part = 1.0 if k < 2 * len(case.forward.robot().joints) else WINDING
         by = [part * s * (np.arange(count) == k)[: len(s)] for s in starts]
         other = replace(case, forward=case.forward.begun_at(by), loose=None)
         add(other, loose.values(loose.at), part, [k < len(s) for s in starts])

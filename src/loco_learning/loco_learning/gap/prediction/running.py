@@ -24,6 +24,9 @@ from loco_sim.world.world import Base
 from ..recordings.record import Record
 from .channels import Channel, Track, assembled
 
+WINDING = 1e-3  # tried change of an integrator over its limit: below dry friction (taste)
+LEAST_SLOPE = 0.05  # torque of a drive by that of its integrator; less is delayed or cut (taste)
+
 
 class Start(NamedTuple):
     """Initial state of a piece of a record."""
@@ -35,6 +38,8 @@ class Start(NamedTuple):
     base: Base | None = None  # None: as after a reset
     integral: np.ndarray | float = 0.0  # torques of the integrators [N·m or N], (n,)
     needed: np.ndarray | float = math.nan  # torques of the measured motion [N·m or N], (n,)
+    wound: np.ndarray | bool = False  # integrators that hold a load, not just switched on, (n,)
+    measured: np.ndarray | bool = False  # of these, whose drive's torque was measured, (n,)
 
 
 def period(record: Record) -> float:
@@ -104,42 +109,35 @@ def integral_limits(robot: Robot) -> np.ndarray:
     return limits
 
 
-def integrals(robot: Robot, commands: CommandSequence, dt: float, state: np.ndarray) -> np.ndarray:
-    """Torques of integrators with which a robot moves as measured [N·m or N], by inverse dynamics.
+def loads(
+    robot: Robot, commands: CommandSequence, dt: float, state: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Torques with which a robot moves as measured [N·m or N], by inverse dynamics.
 
     Args:
-        robot: The robot; 0 if it needs the engine.
+        robot: The robot.
         commands: Commands.
         dt: Time between rows [s].
         state: Joint positions, velocities and accelerations at the first row, (3, n).
 
     Returns:
-        (n,), within `integral_limits`.
+        Torques of the motion, (n,), NaN if the robot needs the engine; of these the part that
+        integrators hold, (n,), within `integral_limits`, 0 if the robot needs the engine.
     """
-    limit, moving = integral_limits(robot), needed(robot, dt, state)
-    if not np.isfinite(moving).all():
-        return np.zeros(len(limit))
+    limit = integral_limits(robot)
+    if needs_engine(robot):
+        return np.full(len(limit), np.nan), np.zeros(len(limit))
+    plant = Bolted(robot, (), 0, dt)
+    moved, weight = plant.needed(*state[:, None])
+    moving = moved[0] + weight[0] @ plant.gravity
+    if not (limit.any() and np.isfinite(moving).all()):
+        return moving, np.zeros(len(limit))
     loops = Actuators(robot, step(robot, dt))
     loops.limit(np.full(len(limit), np.inf))
     loops.reset(state[0])
     loops.follow(*robot.coupled(commands.q[0], commands.dq[0]))
     demand = np.add(loops.torque(*state[:2]), commands.tau[0])
-    return np.clip(moving - demand, -limit, limit)
-
-
-def needed(robot: Robot, dt: float, state: np.ndarray) -> np.ndarray:
-    """Torques of a motion by inverse dynamics [N·m or N], (n,); NaN if the robot needs the engine.
-
-    Args:
-        robot: The robot.
-        dt: Time between rows [s].
-        state: Joint positions, velocities and accelerations, (3, n).
-    """
-    if needs_engine(robot):
-        return np.full(state.shape[1], np.nan)
-    plant = Bolted(robot, (), 0, dt)
-    moved, weight = plant.needed(*state[:, None])
-    return moved[0] + weight[0] @ plant.gravity
+    return moving, np.clip(moving - demand, -limit, limit)
 
 
 def along(
@@ -195,16 +193,62 @@ def run(
     noiseless = [effect for effect in effects if not effect.identity.noise]
     if needs_engine(robot, noiseless):
         return _with_engine(robot, noiseless, inputs, starts, dt, channels)
+    starts = _loaded(robot, noiseless, inputs, starts, dt)
+    readings = _readings(robot, noiseless, inputs, starts, dt)
+    return assembled(robot, channels, readings._asdict(), len(inputs.q))
+
+
+def _readings(
+    robot: Robot,
+    effects: Sequence[Effect],
+    inputs: CommandSequence,
+    starts: Sequence[Start],
+    dt: float,
+) -> Any:
+    """Readings of a bolted robot in all rows; arguments as for `run`."""
     segments = None
     if starts:
         rows = np.array([[s.row, s.stop] for s in starts])
         states = [np.broadcast_arrays(s.q, s.dq, s.integral, s.needed) for s in starts]
         segments = Segments(rows, np.array(states, dtype=float))
-    plant = Bolted(robot, noiseless, 0, dt)
+    plant = Bolted(robot, effects, 0, dt)
     with np.errstate(over="ignore", invalid="ignore"):
         swinging = inputs.swinging(robot)
-        readings = plant.run(*inputs[:3], None, inputs.power, segments, inputs.ramps, swinging)
-    return assembled(robot, channels, readings._asdict(), len(inputs.q))
+        return plant.run(*inputs[:3], None, inputs.power, segments, inputs.ramps, swinging)
+
+
+def _loaded(
+    robot: Robot,
+    effects: Sequence[Effect],
+    inputs: CommandSequence,
+    starts: Sequence[Start],
+    dt: float,
+) -> Sequence[Start]:
+    """Initial states whose integrators make up for effects on the motors; arguments as for `run`.
+
+    What a drive holds when a record begins does not depend on its torque constant: its integrator
+    does. In the first row drives give the torque that they would give without these effects.
+    Integrators of later pieces hold as much more.
+    """
+    motors = [effect for effect in effects if effect.identity.touches == ("drive",)]
+    if not motors or not starts or not np.any(starts[0].wound):
+        return starts
+    first, limit = starts[0], integral_limits(robot)
+    stop, drives = min(first.row + 2, first.stop), replace(robot, motor_torque=True)
+
+    def torque_of(acting: Sequence[Effect], change: np.ndarray | float) -> np.ndarray:
+        start = first._replace(stop=stop, integral=first.integral + change)
+        return _readings(drives, acting, inputs, [start], dt).tau[stop - 1]
+
+    by = np.where(first.wound & (limit > 0.0), WINDING * limit, 1.0)
+    torque = torque_of(motors, 0.0)
+    slope = (torque_of(motors, by) - torque) / by
+    acts = first.wound & (limit > 0.0) & (slope > LEAST_SLOPE)
+    change = np.divide(torque_of([], 0.0) - torque, slope, out=np.zeros(len(limit)), where=acts)
+    return [
+        s._replace(integral=np.clip(s.integral + np.nan_to_num(change), -limit, limit))
+        for s in starts
+    ]
 
 
 def divided(
