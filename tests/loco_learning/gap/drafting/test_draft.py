@@ -41,6 +41,9 @@ def drafted(names, joints=(), time=T, wave=WAVE):
         ("knee_meas_Nm", "tau", "knee"),
         ("knee soll [Nm]", "command_torque", "knee"),
         ("knee soll [mm]", "command_position", "knee"),
+        ("Istgeschwindigkeit knee", "dq", "knee"),
+        ("kneeQdes", "command_position", "knee"),
+        ("taucmd_knee", "command_torque", "knee"),
         ("iq_ref_knee", "command_torque", "knee"),
         ("knee error [mm]", "", "knee"),
         ("knee_temp_meas", "", "knee"),
@@ -170,6 +173,89 @@ def test_numbers_in_names_are_those_of_joints_or_their_order(joints, names, expe
         return
     rules = mapping.loads(draft.of_table(table, joints))
     assert [c.place for c in rules.columns] == 2 * expected
+
+
+Q, GOAL = (
+    np.stack([WAVE, 0.5 * np.cos(2.0 * T)]),
+    np.stack([1.05 * WAVE, 0.5 * np.cos(2.0 * T + 0.1)]),
+)
+DQ = np.gradient(Q, 0.01, axis=1)
+TORQUE = 60.0 * (GOAL - Q) - 2.0 * DQ
+OF_LABS = {
+    "odrive": ("axis{}.encoder.pos_estimate [turn]", "axis{}.controller.input_pos [turn]",
+               "axis{}.encoder.vel_estimate [turn/s]", "axis{}.motor.current_control.Iq_measured [A]"),
+    "servos": ("ID{} Present Position", "ID{} Goal Position", "ID{} Present Velocity",
+               "ID{} Present Load"),
+    "controller": ("/arm/controller_state/feedback/positions[{}]",
+                   "/arm/controller_state/reference/positions[{}]",
+                   "/arm/controller_state/feedback/velocities[{}]",
+                   "/arm/controller_state/feedback/effort[{}]"),
+    "dog": ("motorState[{}].q", "motorCmd[{}].q", "motorState[{}].dq", "motorState[{}].tauEst"),
+    "axes": ("A{}_act", "A{}_cmd", "A{}_vel", "TrqA{}"),
+    "arm": ("q[{}]", "q_d[{}]", "dq[{}]", "tau_J[{}]"),
+    "greek": ("theta{}", "theta{}_d", "thetadot{}", "tau{}"),
+    "letters": ("q{}", "qd{}", "dq{}", "tau{}"),
+    "simulator": ("qpos_{}", "ctrl_{}", "qvel_{}", "torque_{}"),
+    "model": ("out.q[{}]", "out.q_ref[{}]", "out.qd[{}]", "out.tau[{}]"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("kind", OF_LABS)
+def test_columns_as_laboratories_name_them(kind):
+    columns = {"t": T}
+    for template, values in zip(OF_LABS[kind], (Q, GOAL, DQ, TORQUE), strict=True):
+        columns |= {template.format(i + 1): row for i, row in enumerate(values)}
+    columns |= {f"motorCmd[{i + 1}].Kp": np.full(300, 60.0) for i in range(2)}
+    text = draft.of_table(tables.Table(Path("a.csv"), columns), ("hip", "knee"))
+    roles = {(c.role, c.place): c.column for c in mapping.loads(text).columns}
+    assert roles == {
+        (role, joint): template.format(i + 1)
+        for role, template in zip(("q", "command_position", "dq", "tau"), OF_LABS[kind], strict=True)
+        for i, joint in enumerate(("hip", "knee"))
+    }  # fmt: skip
+
+
+@pytest.mark.parametrize(("name", "other"), [("qd", "dq"), ("ctrl", "command_torque"),
+                                             ("u", "command_torque")])  # fmt: skip
+def test_a_name_with_two_meanings_has_that_of_its_values(name, other):
+    for values, role in ((GOAL[0], "command_position"), (TORQUE[0], other), (DQ[0], other)):
+        columns = {"t": T, "q": Q[0], name: values}
+        text = draft.of_table(tables.Table(Path("a.csv"), columns), ("knee",))
+        assert mapping.loads(text).columns[1].role == role
+
+
+def test_the_torque_of_a_controller_is_no_torque_beside_that_of_a_drive():
+    def roles(torque, measured=None, follows=()):
+        columns = {"t": T, "q": Q[0], "q_ref": GOAL[0], "tau_ref": torque}
+        columns |= {} if measured is None else {"tau": measured}
+        text = draft.of_table(tables.Table(Path("a.csv"), columns), ("knee",), follows)
+        return {c.column: c.role for c in mapping.loads(text).columns}, text
+
+    inverse = np.sin(1.7 * T)  # such as the torque that inverse dynamics of the goal needs
+    for torque, measured in ((TORQUE[0], None), (inverse, 1.1 * inverse)):
+        found, text = roles(torque, measured)
+        assert found["tau_ref"] == "command_torque" and "q_ref" not in found
+        assert "# Left out: q_ref; tau_ref is all that the motor is told?" in text
+        found, _ = roles(torque, measured, ("knee",))
+        assert found["q_ref"] == "command_position" and found.get("tau_ref", "tau") == "tau"
+    for measured in (None, inverse + TORQUE[0]):
+        found, _ = roles(inverse, measured)
+        assert (found["q_ref"], found["tau_ref"]) == ("command_position", "command_torque")
+
+
+def test_a_column_that_rises_evenly_is_the_time_where_no_name_is_one():
+    for name, step, rate in (("x_value", 0.005, "200 Hz"), ("name", 5.0, "200 Hz")):
+        text, rules = drafted([name, "knee_pos", "knee_cmd"], time=step * np.arange(300))
+        assert rules.time == name and rate in text and "no name is a time: this?" in text
+    for name, step in (("count", 0.005), ("x", 1.0), ("x", 1e-9)):
+        text, _ = drafted([name, "knee_pos", "knee_cmd"], time=step * np.arange(300))
+        assert "no column of times" in text
+
+
+def test_where_a_command_is_missing_what_follows_the_position_is_told():
+    columns = {"t": T, "q1": Q[0], "r1": GOAL[0], "x": np.cos(9.0 * T)}
+    text = draft.of_table(tables.Table(Path("a.csv"), columns), ("knee",))
+    assert "# Missing: a command of knee; r1 follows its position: is it one?" in text
 
 
 def test_numbered_columns_go_by_the_order_of_the_joints_and_say_so():

@@ -100,9 +100,50 @@ def test_rows_of_events_above_the_numbers_are_no_names(tmp_path):
     assert table.column("t").tolist() == [0.1, 0.2, 0.3]
 
 
+SCOPE = (
+    "Name\tTwo axes\nStart\t13377200\n\nName\tq\tName\tgoal\nSampleTime[ms]\t5\tSampleTime[ms]\t5\n"
+)
+LABVIEW = (
+    "LabVIEW Measurement\nDecimal_Separator\t.\n***End_of_Header***\n\nChannels\t2\n"
+    "Samples\t9\t9\nX_Dimension\tTime\tTime\nX0\t0\t0\nDelta_X\t0.005\t0.005\n"
+    "***End_of_Header***\nX_Value\tq\tgoal\tComment\n"
+)
+
+
+@pytest.mark.parametrize(
+    ("head", "row"),
+    [(SCOPE, "{t}\t{q}\t{t}\t{goal}"), (LABVIEW, "{t}\t{q}\t{goal}\t"),
+     ("Bench 4\nlogged by hand, twice\nt\tq\tgoal\n", "{t}\t{q}\t{goal}")],
+)  # fmt: skip
+@pytest.mark.parametrize("point", [".", ","])
+def test_headers_of_programs_end_above_the_rows(tmp_path, head, row, point):
+    rows = [row.format(t=0.5 * i, q=1.5 * i, goal=2.5 * i).replace(".", point) for i in range(9)]
+    table = tables.read(written(tmp_path, "a.txt", head + "\n".join(rows) + "\n"))
+    assert table.column("q").tolist() == [1.5 * i for i in range(9)]
+    assert table.column("goal").tolist() == [2.5 * i for i in range(9)]
+    assert "lines above the names are no samples" in table.notes[0]
+
+
+def test_a_duration_is_a_time(tmp_path):
+    for rows, times in (
+        ("0 sec,1\n0.005 sec,2\n", [0.0, 0.005]),
+        ("0 ms,1\n5 ms,2\n", [0.0, 0.005]),
+    ):
+        table = tables.read(written(tmp_path, "a.csv", "Time,q\n" + rows))
+        assert table.column("Time").tolist() == pytest.approx(times) and table.clocks == ("Time",)
+
+
+def test_lists_in_columns_of_a_json_log_are_columns(tmp_path):
+    log = {"t": [0, 1, 2], "q": [[1, 2], [3, 4], [5]], "kp": [3]}
+    table = tables.read(written(tmp_path, "a.json", json.dumps(log | {"kp": 3})))
+    assert table.column("q[0]").tolist() == [1.0, 3.0, 5.0]
+    np.testing.assert_array_equal(table.column("q[1]"), [2.0, 4.0, np.nan])
+
+
+@pytest.mark.parametrize("head", ["", "Connecting to COM3 ...\nReady.\n"])
 @pytest.mark.parametrize("row", ["t:{} q:{}", "t={},q={}", "t: {}, q: {}"])
-def test_cells_may_have_their_names(tmp_path, row):
-    text = "".join(row.format(i, 0.5 * i) + "\n" for i in range(4))
+def test_cells_may_have_their_names(tmp_path, head, row):
+    text = head + "".join(row.format(i, 0.5 * i) + "\n" for i in range(4))
     if row == "t: {}, q: {}":
         text = text.replace(", ", ",")
     table = tables.read(written(tmp_path, "a.txt", text))

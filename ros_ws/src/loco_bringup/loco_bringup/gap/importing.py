@@ -31,7 +31,7 @@ from ..bag.foreign.opening import BAG_TYPES, name_of, open_bag, suffix_of
 from ..bag.reader import Bag
 from ..outcome import STEP
 from . import topics as gap_topics
-from .drafts.terminal import FORMATS, draft
+from .drafts.terminal import FORMATS, draft, joints_of
 from .fields import FieldSource
 
 _new_robot = lazy.module("loco_bringup.robot.terminal")
@@ -85,7 +85,7 @@ def _drafted(
     if not mapping_file and all(_is_undescribed(Path(path)) for path in bags):
         mapping_file = str(folder / MAPPING)
         if not Path(mapping_file).exists():
-            text = draft(bags[0], models.load_any(robot).make_robot().joints)
+            text = draft(bags[0], *joints_of(models.load_any(robot).make_robot()))
             write_whole(Path(mapping_file), text)
         what = "; ".join(
             f"{c.column} is {c.role} of {c.place}" + f" [{c.unit}]" * bool(c.unit)

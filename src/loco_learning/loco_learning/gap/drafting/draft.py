@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -19,6 +19,11 @@ ALSO = "# Also"  # start of a line on a column that another one replaces
 MOVED = "; nothing else is a command, so this is taken as what moved the joint"
 TURNING = 7.0  # [rad], just above one turn; larger angles are taken as degrees (taste)
 DEGREES = 360.0  # whole numbers beyond it are taken as counts of an encoder (taste)
+AMBIGUOUS = words.INPUTS | words.CONTROLS | {"qd"}  # words with two meanings
+EVEN = 0.01  # largest difference between steps of a clock, over the step (taste)
+FOLLOWING = 0.5  # deviation of a command from the position, over that of the position (taste)
+UNEXPLAINED = 0.3  # unexplained share of a torque, below which it is that of a controller (taste)
+MOTION_COMMANDS = ("command_position", "command_velocity")
 ANGLES, UNREAD = ("q", "command_position"), ("dq", "tau")
 
 
@@ -68,12 +73,13 @@ class Line:
         )
 
 
-def of_table(table: tables.Table, joints: Sequence[str]) -> str:
+def of_table(table: tables.Table, joints: Sequence[str], follows: Collection[str] = ()) -> str:
     """Text of a mapping for the columns of a table.
 
     Args:
         table: Columns of a file.
         joints: Joint names of the robot; empty if the robot is not known.
+        follows: Joints whose drives are known to follow positions or velocities.
 
     Raises:
         ParameterError: No column name contains a known role, or none a joint of the robot.
@@ -87,25 +93,70 @@ def of_table(table: tables.Table, joints: Sequence[str]) -> str:
                 "write one row for each time, with columns for each joint such as "
                 f"position.{values_of[0]}"
             )
-    guesses = {name: words.guess(name, joints) for name in value_columns}
-    measured = {guess.joint for guess in guesses.values() if guess.role == "q"}
-    guesses |= {name: words.position(name, guess.joint) for name, guess in guesses.items()
-                if not guess.role and guess.joint not in measured
-                and words.is_joint_name(name, guess.joint)}  # fmt: skip
-    guesses |= _in_order(guesses, joints)
+    spelled = words.spelled_out(value_columns)
+    guesses = _guesses(spelled, joints)
     unread = [x for x, guess in guesses.items()
               if guess.role in UNREAD and not value_columns[x].any()]  # fmt: skip
     speed = any(guess.role == "dq" for x, guess in guesses.items() if x not in unread)
     turn = _counts([x for name, x in value_columns.items() if guesses[name].role in ANGLES])
-    named = {number: values_of[0] for name, values_of in table.labels.items() if len(values_of) == 1
-             if (number := words.number_of_name(name)) is not None}  # fmt: skip
-    numbered = named or words.numbered(list(value_columns), joints)
-    columns = {name: _column(table, name, guesses[name], joints, numbered, speed, turn)
-               for name in value_columns if name not in unread}  # fmt: skip
+    by_number = _by_number(table, guesses, spelled, joints)
+    columns = {
+        name: _column(table, name, guesses[name], joints, by_number.get(name, ""), speed, turn)
+        for name in value_columns if name not in unread
+    }  # fmt: skip
     lines = [line for drafted in columns.values() for line in drafted]
+    positions = {line.joint: table.columns[line.column] for line in reversed(lines)
+                 if line.role == "q"}  # fmt: skip
+    lines = [_by_values(line, table.columns[line.column], positions) for line in lines]
+    lines, comments = _one_command(lines, table.columns, follows)
+    head += comments
+    candidates = {
+        joint: [name for name, x in value_columns.items()
+                if not columns.get(name) and not guesses[name].role and _follows(x, q)]
+        for joint, q in positions.items()
+    }  # fmt: skip
     strangers = [x for x, drafted in columns.items() if not drafted and guesses[x].role]
-    names = [*value_columns, *(name for name in table.texts if name != time)]
-    return written(lines, names, joints, table.path.name, head, strangers)
+    text = " ".join(comments)
+    names = [name for name in [*value_columns, *table.texts] if name != time and name not in text]
+    return written(lines, names, joints, table.path.name, head, strangers, candidates)
+
+
+def _guesses(spelled: Mapping[str, str], joints: Sequence[str]) -> dict[str, words.Guess]:
+    """Guess for each name, also by the other names.
+
+    Args:
+        spelled: Names, each with the text to read (`words.spelled_out`).
+        joints: Joint names of the robot; empty if the robot is not known.
+    """
+    guesses = {name: words.guess(text, joints) for name, text in spelled.items()}
+    commands = {words.stem(spelled[name]): guess.role for name, guess in guesses.items()
+                if guess.role.startswith("command_")}  # fmt: skip
+    read = {guess.joint for guess in guesses.values() if guess.role == "q"} - {""}
+    guesses |= {name: words.measured(name, guess, commands[words.stem(name)])
+                for name, guess in guesses.items() if not guess.role and _is_measured(name)
+                and guess.joint not in read and words.stem(name) in commands}  # fmt: skip
+    read = {guess.joint for guess in guesses.values() if guess.role == "q"}
+    guesses |= {name: words.position(name, guess.joint) for name, guess in guesses.items()
+                if not guess.role and guess.joint not in read
+                and words.is_joint_name(name, guess.joint)}  # fmt: skip
+    return guesses | _in_order(guesses, joints)
+
+
+def _by_number(
+    table: tables.Table,
+    guesses: Mapping[str, words.Guess],
+    spelled: Mapping[str, str],
+    joints: Sequence[str],
+) -> dict[str, str]:
+    """Joint of each name that has the number of one, by name; arguments as for `_guesses`."""
+    numbers = words.numbers(spelled.values(), joints)
+    labels = {i: values[0] for name, values in table.labels.items()
+              if len(values) == 1 and (i := words.number_of_name(name)) is not None}  # fmt: skip
+    counted = [(guess.role, numbers[spelled[name]]) for name, guess in guesses.items()
+               if guess.role and numbers[spelled[name]] is not None]  # fmt: skip
+    angles = [i for role, i in counted if role == "q"] or [i for _, i in counted]
+    of_number = labels or words.numbered(angles, joints)
+    return {name: of_number.get(numbers[text], "") for name, text in spelled.items()}
 
 
 def _in_order(guesses: Mapping[str, words.Guess], joints: Sequence[str]) -> dict[str, words.Guess]:
@@ -137,6 +188,7 @@ def written(
     file: str,
     head: Sequence[str] = (),
     strangers: Sequence[str] = (),
+    candidates: Mapping[str, Sequence[str]] | None = None,
 ) -> str:
     """Text of a mapping with one line for each role of a joint.
 
@@ -151,6 +203,7 @@ def written(
         file: Name of the file, for messages.
         head: Lines before the columns.
         strangers: Names that say a role, but no joint of the robot.
+        candidates: Names of columns that follow the position of a joint, by joint.
 
     Raises:
         ParameterError: There is no line.
@@ -161,7 +214,7 @@ def written(
     if not commanded and len(positions) == len(set(positions)):
         lines = [replace(x, role="command_torque", why=x.why + MOVED) if x.role == "tau" else x
                  for x in lines]  # fmt: skip
-    order = sorted(lines, key=lambda x: (not x.is_named, not _is_measured(x), bool(x.scale)))
+    order = sorted(lines, key=lambda x: (not x.is_named, not _is_measured(x.column), bool(x.scale)))
     for line in order:
         first.setdefault((line.role, line.joint), line)
     used = [line for line in lines if first[line.role, line.joint] is line]
@@ -181,7 +234,13 @@ def written(
     left = [name for name in names if name not in assigned]
     text += [f"# Not used: {', '.join(left)}"] if left else []
     text += [f"# {unmatched[0].upper()}{unmatched[1:]}"] if strangers else []
-    return "\n".join([*text, *(f"# Missing: {what}" for what in missing(first, joints))]) + "\n"
+    for role, joint in missing(first, joints):
+        follow = ", ".join((candidates or {}).get(joint, ())) if role != "q" else ""
+        text.append(
+            f"# Missing: {role} of {joint}"
+            + f"; {follow} follows its position: is it one?" * bool(follow)
+        )
+    return "\n".join(text) + "\n"
 
 
 def _positions(lines: Sequence[Line]) -> list[str]:
@@ -201,17 +260,86 @@ def _unsaid(names: Sequence[str]) -> str:
     return f"no name says what is measured or commanded; it has {', '.join(names) or 'nothing'}"
 
 
-def _is_measured(line: Line) -> bool:
+def _is_measured(name: str) -> bool:
     """True if the name of a column says that it is measured."""
-    return not words.MEASURED.isdisjoint(words.split_name(line.column))
+    return not words.MEASURED.isdisjoint(words.split_name(name))
 
 
-def missing(lines: Mapping[tuple[str, str], Line], joints: Sequence[str]) -> list[str]:
-    """Roles that a search needs and no line provides, in words."""
+def _by_values(line: Line, values: np.ndarray, positions: Mapping[str, np.ndarray]) -> Line:
+    """The line with the other role of an ambiguous name if its values follow the joint's position.
+
+    An input may be a torque or the position that a drive is to reach, and ``qd`` a velocity or the
+    desired position.
+    """
+    if line.role not in ("dq", "command_torque") or line.joint not in positions:
+        return line
+    if AMBIGUOUS.isdisjoint(words.split_name(line.column)) or not _follows(
+        values, positions[line.joint]
+    ):
+        return line
+    return replace(line, role="command_position").also("follows the position")
+
+
+def _one_command(
+    lines: Sequence[Line], columns: Mapping[str, np.ndarray], follows: Collection[str]
+) -> tuple[list[Line], list[str]]:
+    """Lines without a second command of a joint, and a comment on each that is left out.
+
+    A log may have both the desired motion and the torque that a controller made of it. This is no
+    torque beside that of a drive: either the drive is told it, or it is what the drive gave.
+    """
+    by_role = {(line.role, line.joint): columns[line.column] for line in reversed(lines)}
+    result, notes = list(lines), []
+    for line in lines:
+        motion = [x for x in lines if x.joint == line.joint and x.role in MOTION_COMMANDS]
+        if line.role != "command_torque" or not motion or not _is_total(line.joint, by_role):
+            continue
+        if line.joint in follows:
+            other = replace(line, role="tau").also("of the drive, which is told positions")
+            result[result.index(line)] = other
+        else:
+            result = [x for x in result if x not in motion]
+            names = ", ".join(x.column for x in motion)
+            notes.append(f"# Left out: {names}; {line.column} is all that the motor is told?")
+    return result, notes
+
+
+def _is_total(joint: str, columns: Mapping[tuple[str, str], np.ndarray]) -> bool:
+    """True if a commanded torque is that which was measured, or follows the error of position."""
+    torque, q = columns["command_torque", joint], columns.get(("q", joint))
+    measured, desired = columns.get(("tau", joint)), columns.get(("command_position", joint))
+    if measured is not None and _explained(torque, [measured]):
+        return True
+    return (
+        q is not None
+        and desired is not None
+        and _explained(torque, [desired - q, np.gradient(q), np.gradient(desired)])
+    )
+
+
+def _explained(values: np.ndarray, regressors: Sequence[np.ndarray]) -> bool:
+    """True if values that change are a sum of multiples of others, and a constant."""
+    columns = np.stack([*regressors, np.ones(len(values))], axis=1)
+    rows = np.isfinite(columns).all(axis=1) & np.isfinite(values)
+    deviation = np.std(values[rows]) if rows.any() else 0.0
+    if not deviation:
+        return False
+    fit = columns[rows] @ np.linalg.lstsq(columns[rows], values[rows])[0]
+    return bool(np.std(values[rows] - fit) < UNEXPLAINED * deviation)
+
+
+def _follows(values: np.ndarray, q: np.ndarray) -> bool:
+    """True if values are close to a position that moves, as those of a commanded position are."""
+    both = np.isfinite(values) & np.isfinite(q)
+    return bool(both.any() and np.std(values[both] - q[both]) < FOLLOWING * np.std(q[both]))
+
+
+def missing(lines: Mapping[tuple[str, str], Line], joints: Sequence[str]) -> list[tuple[str, str]]:
+    """Roles that a search needs and no line provides, in words, each with its joint."""
     required = joints or sorted({joint for _, joint in lines})
-    absent = [f"q of {joint}" for joint in required if ("q", joint) not in lines]
     commanded = {joint for role, joint in lines if role.startswith("command_")}
-    return absent + [f"a command of {joint}" for joint in required if joint not in commanded]
+    absent = [("q", joint) for joint in required if ("q", joint) not in lines]
+    return absent + [("a command", joint) for joint in required if joint not in commanded]
 
 
 def _column(
@@ -219,16 +347,15 @@ def _column(
     name: str,
     guess: words.Guess,
     joints: Sequence[str],
-    numbered: Mapping[int, str],
+    by_number: str,
     speed: bool,
     turn: int,
 ) -> list[Line]:
     joint, comment = guess.joint, guess.why
-    number = words.number(name, joints)
-    if number in numbered and not joint:
-        joint = numbered[number]
+    if by_number and not joint:
+        joint = by_number
         order = "named in its row" if (joint,) in table.labels.values() else "in this order?"
-        comment += f", number {number} of the joints: {order}"
+        comment += f", by its number among the joints: {order}"
         if joints and joint not in joints:
             return []
     is_named = bool(joint)
@@ -280,28 +407,42 @@ def _time(table: tables.Table) -> tuple[str, list[str]]:
     """Name of the time column, empty if there is none, and its lines of the mapping.
 
     Of several columns, those that rise from row to row and that are times by their content are
-    preferred.
+    preferred. If no name is a time, a column that rises evenly, and does not count rows, is taken.
     """
-    candidates: list[tuple[bool, bool, str, list[str]]] = []
+    candidates: list[tuple[bool, bool, bool, str, list[str]]] = []
     for name, values in table.columns.items():
         is_clock = name in table.clocks
         unit, finite = "s" if is_clock else words.time_unit(name), values[np.isfinite(values)]
-        if unit is None or len(finite) < 3 or np.mean(np.diff(finite) >= 0.0) < 0.9:
+        is_named = unit is not None
+        if len(finite) < 3 or np.mean(np.diff(finite) >= 0.0) < 0.9:
+            continue
+        if not is_named and (words.counts(name) or not _rises_evenly(finite)):
             continue
         step = float(np.median(np.diff(finite)))
-        fits = [u for u in ("s", "ms", "us", "ns")
-                if step > 0.0 and RATES[0] <= 1.0 / (step * units.factor(u)) <= RATES[1]]  # fmt: skip
+        fits = [
+            u for u in ("s", "ms", "us", "ns")
+            if step > 0.0 and RATES[0] <= 1.0 / (step * units.factor(u)) <= RATES[1]
+        ]  # fmt: skip
+        if not is_named and not fits:
+            continue
         symbol = unit or (fits or ["s"])[0]
         rate = 1.0 / (step * units.factor(symbol)) if step > 0.0 else 0.0
         comment = f"rises by {step:.6g}, {rate:.4g} Hz" if rate else "does not rise in most rows"
+        comment += "" if is_named else ", and no name is a time: this?"
         line = f"time: {{column: {_quoted(name)}, unit: {symbol}}}  # {comment}"
-        candidates.append((step > 0.0, is_clock, name, [line]))
+        candidates.append((is_named, step > 0.0, is_clock, name, [line]))
     if candidates:
-        *_, name, lines = max(candidates, key=lambda entry: entry[:2])
+        *_, name, lines = max(candidates, key=lambda entry: entry[:3])
         return name, lines
     msg = next((msg for name, msg in table.texts.items() if words.time_unit(name) is not None), "")
     msg = " ".join((msg or "no column of times").split())
     return "", [f"# time: {{rate: }}  # {msg}: add this line with the rate of the log in Hz"]
+
+
+def _rises_evenly(values: np.ndarray) -> bool:
+    """True if values rise by the same step from row to row, but not by 1 as a counter does."""
+    steps = np.diff(values)
+    return steps.min() > 0.0 and np.ptp(steps) < EVEN * steps.max() and abs(steps[0] - 1.0) > EVEN
 
 
 def _quoted(text: str) -> str:

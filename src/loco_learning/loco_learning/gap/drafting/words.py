@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import functools
 import itertools
 import re
 from collections.abc import Iterable, Sequence
@@ -18,14 +19,20 @@ COMMANDS = frozenset(
 )
 # Commands only if the other words of a name are known; the second are torques without another word.
 SETS, INPUTS = frozenset(("set",)), frozenset(("u", "input", "inputs"))
+CONTROLS = frozenset(("ctrl",))  # as inputs, where no other word says what they are
+DESIRED = frozenset("d r c".split())  # desired, of the column whose name lacks this letter
+# Of a loop or a drive, and neither a command nor a motion.
+SETTINGS = frozenset("error errors err kp ki kd gain gains mode temp temperature".split())
 MEASURED = frozenset(
     "meas measured actual act state states feedback fbk fb present observation ist istwert".split()
 )
 QUANTITIES = {
     "position": "pos position positions angle angles q qpos encoder enc winkel weg "
     "theta phi alpha beta gamma psi",
-    "velocity": "vel velocity velocities dq qd qdot qvel speed speeds omega drehzahl",
-    "torque": "tau torque torques effort efforts trq force forces load moment moments kraft",
+    "velocity": "vel velocity velocities dq qd qdot qvel thetadot dtheta speed speeds omega "
+    "drehzahl geschwindigkeit",
+    "torque": "tau torque torques effort efforts trq force forces load moment moments kraft "
+    "drehmoment",
     "current": "current currents cur amps strom iq",
 }
 ROLES = {"position": "q", "velocity": "dq", "torque": "tau", "current": "tau"}
@@ -34,18 +41,25 @@ UNITS = {
     "rpm": "rpm", "dps": "deg/s", "nm": "N m", "mnm": "mN m", "ma": "mA", "amp": "A", "rads": "rad",
 }  # fmt: skip
 TIMES = {
-    "t": "", "ts": "", "time": "", "zeit": "", "timestamp": "", "stamp": "", "times": "", "clock": "",
+    "t": "", "ts": "", "time": "", "zeit": "", "timestamp": "", "stamp": "", "times": "",
+    "clock": "", "tick": "", "tout": "",
     "s": "s", "sec": "s", "secs": "s", "seconds": "s",
     "ms": "ms", "us": "us", "ns": "ns", "nsec": "ns", "msec": "ms", "usec": "us",
     "millis": "ms", "millisec": "ms", "milliseconds": "ms", "micros": "us", "microseconds": "us",
 }  # fmt: skip
+COUNTERS = frozenset("row rows sample samples index idx i n seq count counter step frame".split())
 NOISE = frozenset(
     "joint joints topic field data value values dof motor axis achse header robot the of".split()
     + ["name", "names"]
 )
+OTHER_SENSORS = frozenset(  # of the base, the feet and their sensors, whose numbers are no joints
+    "imu base trunk torso body quat quaternion foot feet contact gyro acc accel".split()
+)
 LETTERS = frozenset("a j m".split())  # of axis, joint and motor, before a number
 _OF_WORD = {token: kind for kind, text in QUANTITIES.items() for token in text.split()}
-VOCABULARY = frozenset({*COMMANDS, *SETS, *INPUTS, *MEASURED, *UNITS, *NOISE, *_OF_WORD, "s", "m"})
+VOCABULARY = frozenset(
+    {*COMMANDS, *SETS, *INPUTS, *CONTROLS, *MEASURED, *UNITS, *NOISE, *_OF_WORD, "s", "m"}
+)
 _SPLIT = re.compile(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+|\d+")
 
 
@@ -67,8 +81,21 @@ class Guess:
 
 
 def split_name(name: str) -> list[str]:
-    """Words of a name in lower case: arm, knee, pos, deg for ``/arm/kneePos_deg``."""
-    return [token.lower() for token in _SPLIT.findall(name)]
+    """Words of a name in lower case: arm, knee, q, des, deg for ``/arm/kneeQdes_deg``."""
+    return [part for token in _SPLIT.findall(name) for part in _parts(token.lower())]
+
+
+@functools.cache
+def _parts(token: str) -> tuple[str, ...]:
+    """The two known words of which a word consists, as ist and position; else the word."""
+    for i in range(1, len(token) - 1):
+        if (
+            token not in VOCABULARY
+            and {token[:i], token[i:]} <= VOCABULARY
+            and token[:i] not in "sm"
+        ):
+            return token[:i], token[i:]
+    return (token,)
 
 
 def guess(name: str, joints: Sequence[str] = ()) -> Guess:
@@ -82,14 +109,12 @@ def guess(name: str, joints: Sequence[str] = ()) -> Guess:
     joint_tokens = [w for w in split_name(joint) if w in split_name(name)]
     rest = _without(split_name(name), joint_tokens) or split_name(name)
     unknown = [token for token in rest if token not in VOCABULARY]
-    of = next((w for w in reversed(rest) if w in _OF_WORD), "")
-    legal = COMMANDS
-    if of or not [token for token in unknown if not token.isdigit()] or not (joint or joints):
-        legal = legal | SETS | INPUTS
-    commanded = next((w for w in rest if w in legal), "")
+    of = next(filter(_OF_WORD.__contains__, reversed(rest)), "")
+    is_explained = of or not (joint or joints) or all(map(str.isdigit, unknown))
+    commanded = next(filter(_commands(of, is_explained).__contains__, rest), "")
     marker = commanded or next(filter(MEASURED.__contains__, rest), "")
     kind = _OF_WORD.get(of) or _kind_of_unit(name, marker)
-    if not kind:
+    if not kind or not SETTINGS.isdisjoint(rest):
         return Guess("", "", joint, "")
     role = f"command_{'torque' if kind == 'current' else kind}" if commanded else ROLES[kind]
     unit = _unit(name, role) or ("A" if kind == "current" else "")
@@ -97,6 +122,42 @@ def guess(name: str, joints: Sequence[str] = ()) -> Guess:
         joint = "_".join(unknown)
     why = " and ".join(f"“{w}”" for w in (commanded, of) if w)
     return Guess(role, unit, joint, why or f"“{marker}”")
+
+
+def _commands(of: str, is_explained: bool) -> frozenset[str]:
+    """Words that say a command in a name with a word of a quantity, or with no unknown words."""
+    return COMMANDS | (frozenset() if of else CONTROLS) | (SETS | INPUTS if is_explained else set())
+
+
+def spelled_out(names: Iterable[str]) -> dict[str, str]:
+    """Names with ``des`` for the letter of desired values: q_des for q_d, beside a column q."""
+    names = list(names)
+    tokens, result = {tuple(split_name(name)) for name in names}, {}
+    for name in names:
+        result[name] = name
+        for match in _SPLIT.finditer(name):
+            before, after = name[: match.start()], name[match.end() :]
+            if match[0] in DESIRED and (*split_name(before), *split_name(after)) in tokens:
+                result[name] = f"{before}des{after}"
+    return result
+
+
+def stem(name: str) -> tuple[str, ...]:
+    """Words of a name without those that say whether it is commanded or measured."""
+    return tuple(w for w in split_name(name) if w not in COMMANDS | SETS | MEASURED)
+
+
+def measured(name: str, guess: Guess, command: str) -> Guess:
+    """Guess for the measured value of a command: A1_act beside A1_cmd.
+
+    Args:
+        name: Name of the column.
+        guess: Guess for this column, without a role.
+        command: Role of the command with the same `stem`.
+    """
+    role = ROLES[command.removeprefix("command_")]
+    marker = next(filter(MEASURED.__contains__, split_name(name)))
+    return Guess(role, _unit(name, role), guess.joint, f"“{marker}” beside its command")
 
 
 def position(name: str, joint: str) -> Guess:
@@ -109,8 +170,9 @@ def _kind_of_unit(name: str, marker: str) -> str:
 
     Args:
         name: Name without a word of a quantity.
-        marker: Word of the name for a command or a measurement; "" if it has none, and then its unit
-            tells nothing. A command without a unit is a position, or a torque if it is an input.
+        marker: Word of the name for a command or a measurement; "" if it has none, and then its
+            unit tells nothing. A command without a unit is a position, or a torque if it is an
+            input.
     """
     for text in _units_in(name) if marker else ():
         try:
@@ -122,7 +184,7 @@ def _kind_of_unit(name: str, marker: str) -> str:
             return next(iter(names), "current")
     if not marker or marker in MEASURED:
         return ""
-    return "torque" if marker in INPUTS else "position"
+    return "torque" if marker in INPUTS | CONTROLS else "position"
 
 
 def _unit(name: str, role: str) -> str:
@@ -178,10 +240,29 @@ def number(name: str, joints: Sequence[str] = ()) -> int | None:
     """Number of a joint in a name such as q1, dq_2 or effort[3]; None if it has another word."""
     tokens = split_name(name)
     digits = [token for token in tokens if token.isdigit()]
-    explained = {*COMMANDS, *SETS, *INPUTS, *MEASURED, *UNITS, *NOISE, *_OF_WORD, *digits, "s"}
-    explained |= {token for joint in joints for token in split_name(joint)}
+    explained = {*VOCABULARY, *digits, *(token for joint in joints for token in split_name(joint))}
     explained |= {a for a, b in itertools.pairwise(tokens) if a in LETTERS and b.isdigit()}
     return int(digits[0]) if len(digits) == 1 and explained.issuperset(tokens) else None
+
+
+def numbers(names: Iterable[str], joints: Sequence[str]) -> dict[str, int | None]:
+    """Number of a joint in each name; None without one.
+
+    Names that differ in one number alone, as many as the robot has joints, number these whatever
+    else they say: axis0.encoder.pos_estimate and axis1.encoder.pos_estimate of two joints.
+    """
+    result = {name: number(name, joints) for name in names}
+    groups: dict[tuple, dict[str, int]] = {}
+    for name in result:
+        tokens = split_name(name)
+        digits = [token for token in tokens if token.isdigit()]
+        if len(digits) == 1 and OTHER_SENSORS.isdisjoint(tokens):
+            template = tuple(None if token.isdigit() else token for token in tokens)
+            groups.setdefault(template, {})[name] = int(digits[0])
+    for group in groups.values():
+        if len(set(group.values())) >= max(len(joints), 2) and joints:
+            result |= {name: i for name, i in group.items() if result[name] is None}
+    return result
 
 
 def number_of_name(name: str) -> int | None:
@@ -190,7 +271,7 @@ def number_of_name(name: str) -> int | None:
     return number(name) if is_name else None
 
 
-def numbered(names: Sequence[str], joints: Sequence[str]) -> dict[int, str]:
+def numbered(numbers: Iterable[int], joints: Sequence[str]) -> dict[int, str]:
     """Joint of each number in the names of columns.
 
     It is the joint with this number in its name if there is one for each number; of several groups
@@ -198,11 +279,10 @@ def numbered(names: Sequence[str], joints: Sequence[str]) -> dict[int, str]:
     0 or from 1. Without joints, they are named by the numbers.
 
     Args:
-        names: Names of all columns.
+        numbers: Numbers in the names of columns.
         joints: Joint names of the robot; empty if the robot is not known.
     """
-    numbers = {i for name in names if guess(name, joints).role
-             if (i := number(name, joints)) is not None}  # fmt: skip
+    numbers = set(numbers)
     if not joints:
         return {i: f"joint_{i}" for i in numbers}
     groups: dict[tuple[str, ...], dict[int, str]] = {}  # by the words before the number
@@ -214,6 +294,11 @@ def numbered(names: Sequence[str], joints: Sequence[str]) -> dict[int, str]:
         return largest
     first = min(numbers, default=0)
     return dict(enumerate(joints, first)) if first in (0, 1) else {}
+
+
+def counts(name: str) -> bool:
+    """True if a name is a number, or says that the column counts rows."""
+    return name.isdigit() or not COUNTERS.isdisjoint(split_name(name))
 
 
 def time_unit(name: str) -> str | None:

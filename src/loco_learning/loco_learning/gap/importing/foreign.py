@@ -268,6 +268,7 @@ def _series(path: Path, arrays: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
     """Columns of the arrays over time; those of another length are constants and left out."""
     numbers = {k: v.squeeze() for k, v in arrays.items() if v.dtype.kind in "fiub" and v.size > 1}
     lengths = collections.Counter(v.size for v in numbers.values() if v.ndim == 1)
+    lengths = lengths or collections.Counter(max(v.shape) for v in numbers.values() if v.ndim == 2)
     if not lengths:
         raise ParameterError(f"{path.name} has no array of numbers over time")
     length = max(lengths, key=lambda size: (lengths[size], size))

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import itertools
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -26,11 +27,14 @@ BINARY = {
 SUFFIXES = (".csv", ".txt", ".tsv", ".dat", ".json", ".jsonl", *BINARY)
 EMPTY = ("", "none", "null", "nan", "na")
 PREAMBLE = 50  # lines in which the first row of numbers is looked for (taste)
+RUN = 4  # rows of numbers one below the other that are samples, and no lines of a header (taste)
+SEPARATORS = (";", "\t", ",", "|", " ")
 HALF_DAY = 43200.0  # [s]; a time of day that falls by more has passed midnight
 # After a date whose order of day and month is not known, which the time between rows does not need.
 _TIME_OF_DAY = re.compile(
     r"(?:\d{1,4}[./-]\d{1,2}[./-]\d{1,4},?[T ] *)?(\d+):(\d\d):(\d\d(?:[.,]\d+)?)"
 )
+_DURATION = re.compile(r"([-+\d.eE]+) ?(s|sec|ms|us|ns)")  # as MATLAB writes it
 _DATE = re.compile(
     r"(\d{4}-\d\d-\d\d)[T ](\d\d:\d\d:\d\d)(?:[.,](\d+))? ?(?:Z|([+-]\d\d):?(\d\d))?", re.IGNORECASE
 )
@@ -193,9 +197,9 @@ def _named(
         filled: Lines that are not empty.
         lines: Lines that are neither empty nor comments.
     """
-    top, has_units = _above(lines)
-    separator = _separator(lines[top])
-    first, *rows = parse_csv(lines[top:], path.name, delimiter=separator, skipinitialspace=True)
+    top, separator, has_units, settings = _above(lines)
+    body = [line for i, line in enumerate(lines[top:], top) if i not in settings]
+    first, *rows = parse_csv(body, path.name, delimiter=separator, skipinitialspace=True)
     names = [_MARK.sub("", name.strip()) for name in first]
     names = names[1:] if first[0] and not names[0] else names
     if has_units:
@@ -210,27 +214,61 @@ def _named(
         rows, above = [first, *rows], filled[: filled.index(lines[top])]
         numbers = [str(i + 1) for i in range(len(first))]
         names = _commented(above, separator, len(first)) or numbers
-    text = f"{top} lines above the names are no samples, the first is {lines[0].strip()!r}"
-    return names, rows, [text] if top else []
+    notes = [f"{top} lines above the names are no samples, the first is {lines[0].strip()!r}"]
+    notes = notes * bool(top) + [f"line {lines[i].strip()!r} is no sample" for i in settings]
+    return names, rows, notes
 
 
-def _above(lines: Sequence[str]) -> tuple[int, bool]:
-    """Index of the line of names, above the first row of numbers, and whether units are below it.
+def _above(lines: Sequence[str]) -> tuple[int, str, bool, list[int]]:
+    """Find the line of names, and the separator of the cells.
 
-    The first line if there is no such row, or another row is above it.
+    The names are in the last line without numbers above the first of several rows of numbers that
+    is as long as these; of rows whose cells have their names, in the first. They are in the first
+    line if there are no such rows.
+
+    Returns:
+        Index of the line of names, the separator, whether a line of units is below the names, and
+        indices of the lines between names and rows that have a text in place of a number.
     """
-    for i, (above, line) in enumerate(zip(lines, lines[1:PREAMBLE], strict=False)):
-        cells = line.split(_separator(above))
-        if len(cells) < 2 or not _is_mostly_numbers(cells):
-            continue
-        if i and any(_number(cell) is not None for cell in above.split(_separator(above)) if cell):
-            break  # a row with few numbers, such as an event
-        head = lines[i - 1] if i else ""
-        symbols = above.split(_separator(head or above))
-        if len(head.split(_separator(head))) == len(symbols) and all(map(_is_unit, symbols)):
-            return i - 1, True
-        return i, False
-    return 0, False
+    marks = [_row_separator(line) for line in lines[:PREAMBLE]]
+    lengths = [len(list(itertools.takewhile(bool, marks[i:]))) for i in range(len(marks))]
+    row = next(i for i, length in enumerate(lengths) if length >= min(RUN, max(lengths)))
+    mark = marks[row] or _separator(lines[0])
+    cells = [[cell.strip() for cell in line.split(mark)] for line in lines[: row + 1]]
+    if all(map(_KEYED.fullmatch, filter(None, cells[row]))):
+        return row, mark, False, []
+    heads = [i for i in range(row) if len(cells[i]) > 1 and not any(map(_has_number, cells[i]))]
+    if not heads:
+        return (row if marks[row] else 0), mark, False, []
+    size = [len(list(filter(None, line))) for line in cells]
+    top = next((i for i in reversed(heads) if size[i] >= size[row]), heads[-1])
+    has_units = (
+        top > 0 and len(cells[top - 1]) == len(cells[top]) and all(map(_is_unit, cells[top]))
+    )
+    settings = [
+        i for i in range(top + 1, row) if len(cells[i]) == len(cells[row]) and any(
+            _has_number(b) and a and not _has_number(a)
+            for a, b in zip(cells[i], cells[row], strict=True)
+        )
+    ]  # fmt: skip
+    return top - has_units, mark, has_units, settings
+
+
+def _has_number(cell: str) -> bool:
+    """Whether a cell is a number or a time, and not empty."""
+    text = cell.strip('"')
+    return text.lower() not in EMPTY and (_number(text) is not None or _seconds(text) is not None)
+
+
+def _row_separator(line: str) -> str:
+    """Separator that divides a line into the largest share of numbers; "" if few cells are some."""
+    shares: dict[str, tuple[float, int]] = {}
+    for mark in SEPARATORS:
+        cells = [cell for cell in map(str.strip, line.split(mark)) if cell]
+        count = sum(_has_number(cell) or bool(_KEYED.fullmatch(cell)) for cell in cells)
+        if len(cells) > 1 and 2 * count > len(cells):
+            shares[mark] = count / len(cells), count
+    return max(shares, key=lambda mark: shares[mark], default="")
 
 
 def _is_mostly_numbers(cells: Sequence[str]) -> bool:
@@ -350,7 +388,7 @@ def _lists(path: Path, name: str, cells: Sequence[str]) -> dict[str, np.ndarray]
 
 
 def _separator(line: str) -> str:
-    counts = {mark: line.count(mark) for mark in (";", "\t", ",", "|", " ")}
+    counts = {mark: line.count(mark) for mark in SEPARATORS}
     best = max((mark for mark in counts if mark != " "), key=lambda mark: counts[mark])
     return best if counts[best] else " " if counts[" "] else ","
 
@@ -436,8 +474,12 @@ def _number(cell: Any, comma: bool = True) -> float | None:
 def _seconds(text: str) -> float | None:
     """Time [s] of a date with a time (ISO 8601, UTC if without zone) or of a time of day, or None.
 
-    These dates count from 1970; times of day, also after another date, from midnight.
+    These dates count from 1970; times of day, also after another date, from midnight. A number with
+    a unit of time is a time, too.
     """
+    duration = _DURATION.fullmatch(text.strip())
+    if duration and (number := _number(duration[1])) is not None:
+        return number * units.factor(duration[2])
     match = _DATE.fullmatch(text.strip())
     time = None if match else _TIME_OF_DAY.fullmatch(text.strip())
     if time:
@@ -544,8 +586,15 @@ def _flatten(row: dict[str, Any], prefix: str = "") -> dict[str, Any]:
 
 
 def _equal(source: str, lists: dict[str, list]) -> dict[str, list]:
-    """Columns of one length, without those of lists."""
+    """Columns of one length; those of lists divided into columns such as ``q[2]``."""
     lengths = {len(values) for values in lists.values()}
     if len(lengths) != 1:
         raise ParameterError(f"{source}: its columns have {sorted(lengths)} samples")
-    return {k: v for k, v in lists.items() if not any(isinstance(x, list) for x in v)}
+    divided: dict[str, list] = {}
+    for name, values in lists.items():
+        rows = [value if isinstance(value, list) else [] for value in values]
+        width = max(map(len, rows))
+        parts = {f"{name}[{i}]": [row[i] if i < len(row) else None for row in rows]
+                 for i in range(width)}  # fmt: skip
+        divided |= parts or {name: values}
+    return divided

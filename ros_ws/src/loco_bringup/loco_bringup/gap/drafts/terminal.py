@@ -6,7 +6,7 @@ from __future__ import annotations
 import argparse
 import sys
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from pathlib import Path
 
 from loco_control.exceptions import MissingFileError, ParameterError
@@ -16,6 +16,8 @@ from loco_learning.gap.importing import importing, tables
 from loco_learning.gap.recordings import mapping
 from loco_sim import lazy
 from loco_sim.plant import model as models
+from loco_sim.robot.robot import Robot
+from loco_sim.robot.servo import TorqueDrive
 
 from ...bag.foreign.opening import open_bag, suffix_of
 from ...outcome import file_at
@@ -37,7 +39,7 @@ def show_draft(a: argparse.Namespace) -> int:
     file = file_at(a.out, Path(mapping.FILE)) if a.out else None
     if file and file.exists():
         raise ParameterError(f"{file} is there already; choose another --out, or remove it")
-    text = draft(a.file, _joints(a.robot) if a.robot else ())
+    text = draft(a.file, *_joints(a.robot)) if a.robot else draft(a.file, ())
     if file:
         sys.stdout.write(f"{write_whole(file, text)}\n")
     else:
@@ -45,22 +47,29 @@ def show_draft(a: argparse.Namespace) -> int:
     return 0
 
 
-def _joints(robot: str) -> Sequence[str]:
-    """Joints of a robot, or of a description of one."""
+def _joints(robot: str) -> tuple[Sequence[str], Collection[str]]:
+    """Joints of a robot, or of a description of one, and those whose drives follow positions."""
     if Path(robot).suffix not in FORMATS:
-        return models.load_any(robot).make_robot().joints
+        return joints_of(models.load_any(robot).make_robot())
     with tempfile.TemporaryDirectory() as folder:
         made = Path(folder, "robot")
         _new_robot.tried(Path(robot), made)
-        return models.load_any(str(made)).make_robot().joints
+        return joints_of(models.load_any(str(made)).make_robot())
 
 
-def draft(path: str | Path, joints: Sequence[str]) -> str:
+def joints_of(robot: Robot) -> tuple[Sequence[str], Collection[str]]:
+    """Joints of a robot, and those whose drives are known to follow positions or velocities."""
+    known = {} if "drives" in robot.guessed else robot.drives
+    return robot.joints, [j for j, drive in known.items() if not isinstance(drive, TorqueDrive)]
+
+
+def draft(path: str | Path, joints: Sequence[str], follows: Collection[str] = ()) -> str:
     """Text of a mapping for a recording.
 
     Args:
         path: Bag, table, or folder of tables, of which the first is used.
         joints: Joints of the robot; empty if the robot is unknown.
+        follows: Those whose drives are known to follow positions or velocities.
 
     Raises:
         LocoError: The recording cannot be read, or the role of no signal can be guessed.
@@ -79,7 +88,7 @@ def draft(path: str | Path, joints: Sequence[str]) -> str:
                 f"{path} is no recording: neither a bag nor a table ({', '.join(tables.SUFFIXES)}); "
                 "give a text of rows the ending .txt"
             )
-        text = of_table(tables.read(file), joints)
+        text = of_table(tables.read(file), joints, follows)
         if path.is_dir():
             text += f'files: "*{"".join(file.suffixes)}"\n'
     mapping.loads(text, mapping.FILE)
