@@ -150,6 +150,8 @@ def test_limits_and_errors_of_the_drive():
     assert by_hand("torque_speed_line", tau=1e4, dq=2.0, slope=0.25) == pytest.approx(0.5 * effort)
     assert by_hand("torque_speed_line", tau=-1e2, dq=2.0, slope=0.5) == -1e2, "braking is free"
     assert by_hand("torque_constant_error", tau=10.0, error=-0.2) == pytest.approx(8.0)
+    assert by_hand("torque_limit", tau=1e4, rated=8.0, reduction=0.75) == pytest.approx(2.0)
+    assert by_hand("torque_speed_line", tau=1e4, dq=2.0, rated=8.0, slope=0.25) == 4.0
     half = 0.5 * robot.load("hyq").effort
     assert by_hand("supply_sag", tau=half.min(), sag=0.0) == pytest.approx(half.min())
 

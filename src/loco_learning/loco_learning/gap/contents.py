@@ -222,7 +222,11 @@ def in_metres(terms: Sequence[Mapping[str, Any]], channels: Sequence[Channel]) -
     """Terms of ``gap.json``; where the joint is prismatic, with linear units instead of angular."""
     sliding = slides(channels)
     return [
-        {**term, "parameters": {k: _in_metres(p) for k, p in term["parameters"].items()}}
+        {
+            **term,
+            "parameters": {k: _in_metres(p) for k, p in term["parameters"].items()},
+            "evidence": term["evidence"].replace(" N·m", " N"),
+        }
         if sliding.intersection(term["place"].split())
         else dict(term)
         for term in terms
@@ -252,6 +256,9 @@ def _term(outcome: Outcome, index: int) -> dict[str, Any]:
         if e.excludes_absent and e.low <= e.absent <= e.high:
             size = f"{e.value:.3g} ± {e.with_shapes:.2g}" + f" {e.unit}" * (e.unit != "-")
             text += f"; {e.name} is known only together with its other values: {size} with these"
+    hypothesis, x = model.parts[index]
+    if amount := EFFECTS[term.name](**hypothesis.terms(x)[0].params).amount():
+        text += f"; {amount}"
     return {
         "effect": term.name,
         "place": term.place,

@@ -132,6 +132,10 @@ class Effect:
         strengths = self.identity.strengths if self.identity else ()
         return bool(strengths) and not any(np.any(getattr(self, name)) for name in strengths)
 
+    def amount(self) -> str:
+        """The size of the effect in the unit of what it changes; "" if its parameters say it."""
+        return ""
+
     def energy(self, q: np.ndarray, dq: np.ndarray) -> float:
         """Energy stored in the effect itself, e.g. in a spring [J].
 

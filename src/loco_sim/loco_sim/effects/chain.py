@@ -161,15 +161,17 @@ class JointEffect(Effect):
 
     def _joint_indices(self, world: World) -> np.ndarray:
         fitting = eligible(world.robot, self.among)
+        if not len(fitting):
+            self._refuse(f"robot {world.robot.name!r}")
         if not self.joint:
             return fitting
         named = world.joint_index(self.joint)
         if strange := sorted(set(named) - set(fitting)):
-            names = ", ".join(world.robot.joints[j] for j in strange)
-            raise ParameterError(
-                f"effect {self.name} does not apply to {names}: no {AMONG[self.among]}"
-            )
+            self._refuse(", ".join(world.robot.joints[j] for j in strange))
         return named
+
+    def _refuse(self, what: str) -> None:
+        raise ParameterError(f"effect {self.name} does not apply to {what}: no {AMONG[self.among]}")
 
 
 @dataclass

@@ -245,7 +245,7 @@ def _scaled(effect: actuator.TorqueConstantError, joint: Joint, _: float) -> Joi
 
 
 def _limited(effect: actuator.TorqueLimit, joint: Joint, _: float) -> Joint | None:
-    less = (1.0 - effect.reduction) * joint.limit
+    less = min(joint.limit, (1.0 - effect.reduction) * (effect.rated or joint.limit))
     return None if joint.kind == SERVO else replace(joint, limit=less)
 
 

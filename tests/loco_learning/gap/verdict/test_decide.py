@@ -143,6 +143,17 @@ def test_the_sentence_tells_what_is_left():
     assert "noise floors" in said(gap=0.0).evidence
 
 
+@pytest.mark.parametrize(("fit", "told"), [(10.0, False), (200.0, True)])
+def test_a_gap_that_is_elsewhere_than_in_the_held_out_record_is_told(fit, told):
+    """Steps saturate the motor, the held-out sweep does not: 34 of the 440 floors were told."""
+    sign = np.where(np.arange(500) % 2, 1.0, -1.0)[:, None]
+    base = fitted(rms=10.0)
+    base = replace(base, whole=[fit * sign, fit * sign, 10.0 * sign])
+    evidence = decide(weigh([base], 0), base, References(base, base)).evidence
+    assert f"the gap of {base.held.rms:.3g} noise floors" in evidence
+    assert ("on all)" in evidence) == told
+
+
 def test_a_gap_without_a_cause_is_that_of_the_users_model_as_in_the_headline():
     given, base = fitted(rms=12.0), fitted(rms=10.0)
     found = decide(weigh([base], 0), base, References(given, base))

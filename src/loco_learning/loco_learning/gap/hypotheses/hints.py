@@ -8,13 +8,16 @@ from dataclasses import replace
 
 import numpy as np
 
+from loco_sim.bolted.loop import Bolted, needs_engine
+from loco_sim.effects.coordinates import Coordinate
 from loco_sim.effects.offers import Motion
 from loco_sim.effects.places import members
 from loco_sim.robot.robot import Robot
 
+from ..prediction import running, windows
 from ..prediction.case import Case
 from ..prediction.forward import Forward
-from ..recordings.record import spacing
+from ..recordings.record import bridged, spacing
 from .hypotheses import Hypothesis
 
 SPEED_TIME = 0.05  # [s] of a speed's average, so that one step of a coarse encoder is no speed
@@ -31,6 +34,7 @@ MOST_RIPPLES = 3  # counts that are tested at a joint
 # Torque of a limit over the torque of the initial model, far from reached and barely reached
 # (taste). Another effect may ask for more torque, and a reading is a mean over a period.
 CLEAR, BARELY = 2.0, 0.9
+HIGHEST = 10.0  # largest torque of a line at standstill over that first tried (taste)
 # Smallest strength that limits drives at shares of their limits, while they drive at a speed.
 SMALLEST = {
     "torque_limit": lambda share, speed: 1.0 - share.max(),
@@ -72,21 +76,65 @@ def find(case: Case, robot: Robot) -> Motion:
 def sized(hypotheses: Sequence[Hypothesis], forward: Forward) -> list[Hypothesis]:
     """Hypotheses with strengths of limits that count from where these are far from reached.
 
+    Where the description has no limits, they are shares of what the model asks of the drives.
+
     A description may allow ten times the torque of a recording: a reduction of it is nothing up to
     90 %, and too much a few hundredths further.
     """
     result, robot, (torque, speed) = [], forward.robot(), forward.drives()
+    is_limited = np.isfinite(robot.effort[robot.driven]).all()
+    moved = robot.effort if is_limited else acting(forward)
     for h in hypotheses:
         if smallest := SMALLEST.get(h.effect):
             at = [robot.joints.index(joint) for joint in members(robot, h.place)]
-            share = np.abs(torque[:, at]) / robot.effort[at]
+            size, effort = np.abs(torque[:, at]), robot.effort[at]
             driving = np.maximum(speed * np.sign(torque), 0.0)[:, at]
+            if not np.isfinite(effort).all():
+                acted = float(moved[at].max())
+                effort = CLEAR * max(float(size.max()), acted)
+                if not 0.0 < acted <= effort < np.inf:
+                    continue  # no torque is known
+                h, size = _rated(h, effort, acted), np.minimum(size, acted)
+            share = size / effort
             low, start = (max(0.0, float(smallest(by * share, driving))) for by in (CLEAR, BARELY))
-            c = h.coordinates[0]
+            c, *shapes = h.coordinates
             if low < start < c.high:
-                h = replace(h, coordinates=(replace(c, origin=low, low=low, size=start - low),))
+                c = replace(c, origin=low, low=low, size=start - low)
+                h = replace(h, coordinates=(c, *shapes))
         result.append(h)
     return result
+
+
+def acting(forward: Forward) -> np.ndarray:
+    """Largest torque that the measured motion of each joint needs [N·m or N], (n,); NaN if unknown.
+
+    A drive that saturates gives no more, whatever its controller asks for.
+    """
+    largest = np.full(len(forward.robot().joints), np.nan)
+    for i, record in enumerate(forward.records):
+        robot, dt = forward.robot(i), running.period(record)
+        q, dq = (bridged(each) for each in windows.joint_states(record, robot))
+        step = _rows(q, dt)
+        if needs_engine(robot) or len(q) <= 2 * step:
+            continue
+        rate = (dq[2 * step :] - dq[: -2 * step]) / (2 * step * dt)
+        plant = Bolted(robot, (), 0, dt)
+        torque, weight = plant.needed(q[step:-step], dq[step:-step], rate)
+        torque = np.abs(torque + weight @ plant.gravity)
+        largest = np.fmax(largest, np.nanmax(torque, axis=0, initial=0.0))
+    return largest
+
+
+def _rated(hypothesis: Hypothesis, effort: float, acted: float) -> Hypothesis:
+    """A limit of drives whose description has none, as a share of an effort [N·m or N].
+
+    A line over speed has another one at standstill, which is fitted; it is at least what acted.
+    """
+    if hypothesis.effect == "torque_limit":
+        return replace(hypothesis, fixed=(*hypothesis.fixed, ("rated", effort)))
+    shape = Coordinate("rated", CLEAR * acted, (0.0,), BARELY * acted, HIGHEST * effort, "N·m",
+                       logarithmic=True)  # fmt: skip
+    return replace(hypothesis, coordinates=(*hypothesis.coordinates, shape))
 
 
 def bend(values: np.ndarray, dt: float) -> np.ndarray:

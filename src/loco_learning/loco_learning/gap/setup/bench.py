@@ -163,6 +163,13 @@ class Bench:
         names = tuple(channel.name for channel in forward.channels)
         return Trial(names, tuple(forward()), tuple(forward.measured))
 
+    def drive_torques(self) -> dict[str, float]:
+        """Largest torque that the model asks of the drive of each moving joint [N·m or N]."""
+        torque, _ = self._forward(Forward, self._changes, self.told_records(), "q").drives()
+        joints, largest = self.robot.joints, np.abs(torque).max(axis=0)
+        sizes = {joint: float(largest[joints.index(joint)]) for joint in self().joints}
+        return {joint: size for joint, size in sizes.items() if 0.0 < size < np.inf}
+
     def supported(self, options: Sequence[tuple[Change, ...]]) -> list[tuple[Change, ...]]:
         """Of sets of lines those with which the model explains the measured torques best.
 

@@ -218,6 +218,21 @@ def misread(bench: Bench) -> float:
     return min((bench.miss(fix) for fix in fixes), default=np.inf)
 
 
+def saturated(bench: Bench) -> float:
+    """Least error of the model if the drive of one joint gives less torque than it asks for."""
+    torques = () if bench.led else bench.drive_torques().items()
+    errors = [np.inf]
+    for joint, rated in torques:
+
+        def fix(log_by: float, joint: str = joint, rated: float = rated) -> Change:
+            limit = {"rated": rated, "reduction": float(-np.expm1(log_by))}
+            return Change(MODEL, EFFECTS, ({"name": "torque_limit", "joint": joint, **limit},))
+
+        by = lowest(lambda x: bench.miss(fix(x)), np.log(LIMITS.weaker))
+        errors.append(bench.miss(fix(by)))
+    return min(errors)
+
+
 def stiff(bench: Bench) -> tuple[str, ...]:
     """Joints with impedance drives."""
     drives = bench.robot.drives

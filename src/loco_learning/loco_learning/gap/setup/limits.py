@@ -9,6 +9,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numpy as np
+
 
 @dataclass(frozen=True)
 class Limits:
@@ -27,6 +29,7 @@ class Limits:
         worst: Largest number of joints whose scale is tested.
         both: Ratio above which the common scale of positions and commands is wrong.
         scales: Ratios of the initial grid search.
+        weaker: Ratios of a limit of a drive to the torque that it asks for, before a finer search.
         about: Factors on a scale at which it must explain less.
         sections: Steps of the golden-section search about the best of them.
         tilted: Angle above which a motion tells that a base is mounted wrongly [rad]; torques tell
@@ -78,6 +81,7 @@ class Limits:
         *(0.01, 0.03, 0.1, 0.16, 0.25, 0.4, 0.65, 1.0),
         *(1.55, 2.5, 4.0, 6.3, 10.0, 20.0, 57.3, 130.0, 400.0, 1000.0),
     )
+    weaker: tuple[float, ...] = tuple(np.geomspace(0.02, 1.0, 28))
     about: tuple[float, float] = (0.4, 2.5)
     sections: int = 10
     tilted: float = 0.35

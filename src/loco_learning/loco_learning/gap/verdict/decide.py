@@ -19,6 +19,7 @@ from ..statistics.leftover import adequate, has_gap
 
 NAMED, AMBIGUOUS, UNKNOWN, NO_GAP = "named", "ambiguous", "unknown", "no gap"
 PARTLY = "named, and more is missing"
+ELSEWHERE = 1.5  # ratio of the gap on all data to the held-out one: above, both are told (taste)
 
 
 @dataclass(frozen=True)
@@ -126,7 +127,7 @@ def decide(
                 if left < initial.held.rms
                 else ""
             )
-            text = f"No effect tried explains the gap of {initial.held.rms:.3g} noise floors{rest}."
+            text = f"No effect tried explains the gap of {_size(initial)}{rest}."
             return Decision(UNKNOWN, (), False, text)
         text = f"The model explains the data: {base.held.rms:.2f} noise floors."
         return Decision(NO_GAP, (), True, text)
@@ -234,7 +235,14 @@ def _summary(
     if loud is None and names and unknown:
         return f"With {names} {gap}, but only beside {unknown}, which the data do not establish."
     if not after < before:
-        return f"No effect tried explains the gap of {before:.3g} noise floors, or lowers it."
+        return f"No effect tried explains the gap of {_size(initial)}, or lowers it."
     best = " and ".join(filter(None, [names, *groups]))
     part = f"{best} would close part of it, to" if best else "the best try leaves"
-    return f"No effect tried explains the gap of {before:.3g} noise floors; {part} {after:.3g}."
+    return f"No effect tried explains the gap of {_size(initial)}; {part} {after:.3g}."
+
+
+def _size(model: Fitted) -> str:
+    """Gap of a model on held-out data, and on all where most of it is in what was fitted."""
+    held, every = model.held.rms, evidence.rms(model.whole)
+    where = f" on held-out data ({every:.3g} on all)" if every > ELSEWHERE * held else ""
+    return f"{held:.3g} noise floors{where}"

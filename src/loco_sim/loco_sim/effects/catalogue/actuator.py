@@ -56,14 +56,34 @@ class ActuatorLag(DriveEffect, name="actuator_lag"):
 
 
 @dataclass
-class TorqueLimit(MotorEffect, name="torque_limit"):
+class Limiting(MotorEffect):
+    """Base of limits of the torque, which are shares of the limit that a drive has without them.
+
+    In a geared servo they act on the motor, before rotor and gear.
+    """
+
+    rated: float = parameter(0.0, "effort: the limit without it; 0: as in the URDF", "N·m", 0.0)
+    among = "driven"
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if not self.rated:
+            self.among = "limited"
+
+    def effort(self, world: Any, joints: np.ndarray) -> np.ndarray:
+        """Limit of each joint without the effect [N·m or N], (k,)."""
+        return np.full(len(joints), self.rated) if self.rated else world.robot.effort[joints]
+
+
+@dataclass
+class TorqueLimit(Limiting, name="torque_limit"):
     """The torque limit of the drive is below that of the robot's description.
 
     In a geared servo it acts on the motor, before rotor and gear.
     """
 
     reduction: float = parameter(0.0, "share of the limit that is missing", "-", 0.0, 1.0)
-    law, among = rows.LIMIT, "limited"
+    law = rows.LIMIT
 
     identity = Identity(
         site="actuator",
@@ -82,18 +102,22 @@ class TorqueLimit(MotorEffect, name="torque_limit"):
     )  # fmt: skip
 
     def constants(self, world: Any, joints: np.ndarray) -> Sequence[Any]:
-        return ((1.0 - self.reduction) * world.robot.effort[joints],)
+        return ((1.0 - self.reduction) * self.effort(world, joints),)
+
+    def amount(self) -> str:
+        limit = (1.0 - self.reduction) * self.rated
+        return f"the limit is {limit:.3g} N·m" if self.rated else ""
 
 
 @dataclass
-class TorqueSpeedLine(MotorEffect, name="torque_speed_line"):
+class TorqueSpeedLine(Limiting, name="torque_speed_line"):
     """The driving torque available decreases linearly with the joint speed.
 
     Braking is not limited. In a geared servo it acts on the motor, before rotor and gear.
     """
 
     slope: float = parameter(0.0, "one over the speed without load", "s/rad", 0.0, 10.0)
-    law, among = rows.SPEED_LINE, "limited"
+    law = rows.SPEED_LINE
 
     identity = Identity(
         site="actuator",
@@ -110,7 +134,7 @@ class TorqueSpeedLine(MotorEffect, name="torque_speed_line"):
     )
 
     def constants(self, world: Any, joints: np.ndarray) -> Sequence[Any]:
-        return world.robot.effort[joints], self.slope
+        return self.effort(world, joints), self.slope
 
 
 @dataclass
