@@ -281,6 +281,17 @@ def test_where_nothing_is_a_command_the_measured_torque_is_what_moved_the_joint(
     assert [c.role for c in rules.columns] == ["q", "tau", "command_position"]
 
 
+@pytest.mark.parametrize(
+    ("follows", "place"), [(["hip"], ["hip"]), (["hip", "knee"], []), ([], [])]
+)
+def test_a_command_without_a_joint_is_of_the_only_one_that_is_driven(follows, place):
+    columns = dict.fromkeys(("servo_goal", "hip_pos", "knee_pos"), WAVE)
+    table = tables.Table(Path("a.csv"), {"t": T, **columns})
+    rules = mapping.loads(draft.of_table(table, ("hip", "knee"), follows))
+    commands = [c.place for c in rules.columns if c.role == "command_position"]
+    assert commands == place
+
+
 def test_names_of_any_kind_come_back_whole():
     name = 'knee "left": pos # 1'
     text, rules = drafted(["t", name, "yes_cmd"], ("yes", "knee"))

@@ -100,8 +100,10 @@ def of_table(table: tables.Table, joints: Sequence[str], follows: Collection[str
     speed = any(guess.role == "dq" for x, guess in guesses.items() if x not in unread)
     turn = _counts([x for name, x in value_columns.items() if guesses[name].role in ANGLES])
     by_number = _by_number(table, guesses, spelled, joints)
+    joints_of = _candidates(guesses, joints, tuple(follows))
     columns = {
-        name: _column(table, name, guesses[name], joints, by_number.get(name, ""), speed, turn)
+        name: _column(table, name, guesses[name], joints_of[name],
+                      by_number.get(name, ""), speed, turn)
         for name in value_columns if name not in unread
     }  # fmt: skip
     lines = [line for drafted in columns.values() for line in drafted]
@@ -342,6 +344,15 @@ def missing(lines: Mapping[tuple[str, str], Line], joints: Sequence[str]) -> lis
     return absent + [("a command", joint) for joint in required if joint not in commanded]
 
 
+def _candidates(
+    guesses: Mapping[str, words.Guess], joints: Sequence[str], follows: Sequence[str]
+) -> dict[str, Sequence[str]]:
+    """Joints that each column may be of: of a single command only the joint that follows it."""
+    commands = [name for name, guess in guesses.items() if guess.role in MOTION_COMMANDS]
+    single = commands if len(commands) == len(follows) == 1 else []
+    return {name: follows if name in single else joints for name in guesses}
+
+
 def _column(
     table: tables.Table,
     name: str,
@@ -360,7 +371,8 @@ def _column(
             return []
     is_named = bool(joint)
     if not joint and len(joints) == 1:
-        joint, comment = joints[0], f"{comment}, the only joint"
+        that = " that is driven" * (guess.role in MOTION_COMMANDS)
+        joint, comment = joints[0], f"{comment}, the only joint{that}"
     if not guess.role or not joint:
         return []
     line = Line(name, guess.role, joint, comment, guess.unit, is_named=is_named)
