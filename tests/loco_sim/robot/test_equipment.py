@@ -112,6 +112,19 @@ def test_a_body_takes_with_it_what_is_fixed_to_it():
     assert at == pytest.approx([0.3, 0.0, 0.0])
 
 
+def test_gains_that_a_draft_guessed_are_uncertain_unless_a_pattern_says_how_much():
+    drives = {"a": {"kind": "impedance", "kp": 50.0, "kd": 2.0},
+              "b": {"kind": "impedance", "kp": 0.0, "kd": 1.0}, "c": {"kind": "torque"}}  # fmt: skip
+    values = {"drives": drives, "springs": {}, "guessed": ["control_rate", "drives"]}
+    kp, kd = equipment.GUESSED["kp"], equipment.GUESSED["kd"]
+    assert equipment.uncertain(values, [], PATH) == pytest.approx(
+        {"drives.a.kp": 50.0 * kp, "drives.a.kd": 2.0 * kd, "drives.b.kd": kd}
+    )
+    known = {**values, "uncertain": {"drives.a.*": "1%"}}
+    assert equipment.uncertain(known, [], PATH)["drives.a.kp"] == pytest.approx(0.5)
+    assert equipment.uncertain({**values, "guessed": ["control_rate"]}, [], PATH) == {}
+
+
 def test_uncertain_values_are_named_by_patterns_in_their_own_units():
     values = {
         "drives": {"j1": {"kind": "torque"}, "j2": {"kind": "torque"}},

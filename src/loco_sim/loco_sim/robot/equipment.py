@@ -25,6 +25,7 @@ from .spring import SpringParams
 BY_JOINT, BY_LINK = ("drives", "springs", "dynamics"), ("contacts", "masses", "bodies")
 NESTED = ("sensors", "sim", "fall")
 UNCERTAIN = "uncertain"
+GUESSED = {"kp": 0.2, "kd": 0.3}  # deviation of guessed gains that were fitted, as shares (taste)
 SCALARS = ("control_rate", "height", "fixed_base")
 GRAVITY = 9.81  # [m/s²], for weights and foot loads where `sim.gravity` is not available
 
@@ -213,6 +214,8 @@ def set_bodies(description: Description, bodies: Mapping[str, BodyParams]) -> No
 def uncertain(values: Mapping[str, Any], bodies: Iterable[str], path: Path) -> dict[str, float]:
     """Standard deviation of each uncertain value of a robot, by dotted name.
 
+    Gains that a draft guessed are uncertain by shares of them, unless a pattern says another one.
+
     Args:
         values: An `expanded` robot.
         bodies: Links moved by joints.
@@ -230,7 +233,7 @@ def uncertain(values: Mapping[str, Any], bodies: Iterable[str], path: Path) -> d
         entries = values[section]
         by_section[section] = [f"{j}.{k}" for j in entries for k in _numbers(section, entries[j])]
     dotted = [f"{section}.{name}" for section, names in by_section.items() for name in names]
-    deviations: dict[str, float] = {}
+    deviations = _of_guesses(values) if "drives" in (values.get("guessed") or ()) else {}
     for pattern, size in _mapping(values.get(UNCERTAIN) or {}, f"{path}: {UNCERTAIN}").items():
         part = isinstance(size, str) and size.endswith("%")
         try:
@@ -247,6 +250,15 @@ def uncertain(values: Mapping[str, Any], bodies: Iterable[str], path: Path) -> d
             if reference > 0.0:  # a relative deviation of zero is zero
                 deviations[name] = number * reference
     return deviations
+
+
+def _of_guesses(values: Mapping[str, Any]) -> dict[str, float]:
+    """Standard deviation of the gains of drives that were guessed, by dotted name."""
+    return {
+        f"drives.{joint}.{key}": share * abs(entry[key])
+        for joint, entry in values["drives"].items()
+        for key, share in GUESSED.items() if entry.get(key)
+    }  # fmt: skip
 
 
 def _value(values: Mapping[str, Any], dotted: str) -> float:
