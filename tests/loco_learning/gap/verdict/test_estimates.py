@@ -94,6 +94,13 @@ def test_each_implausible_value_is_told(change, words):
     assert alarm == f"friction knee: coulomb = {value:.3g} N·m {words}"
 
 
+def test_a_value_that_changes_nothing_may_drift_to_its_bound():
+    """As the place of a load along the axis of the only joint, beside a mass that is known."""
+    place = Estimate("y", 5.0, -math.inf, math.inf, "m", least=-5.0, most=5.0, absent=None)
+    assert told(FRICTION, place) == ()
+    assert len(told(FRICTION, replace(place, low=4.0, high=5.5))) == 1
+
+
 def test_absence_is_no_bound():
     assert told(FRICTION, Estimate("viscous", 0.0, -0.01, 0.01, least=0.0, most=1.0)) == ()
 

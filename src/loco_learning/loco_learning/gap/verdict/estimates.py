@@ -87,7 +87,9 @@ def alarms(effect: str, estimates: Sequence[Estimate]) -> tuple[str, ...]:
     messages, open_ends = [], _undetermined(estimates)
     for e in estimates:
         where = f"{effect}: {e.name} = {e.value:.3g}" + f" {e.unit}" * (e.unit != "-")
-        if on_bound(e.value, (b for b in (e.least, e.most) if b != e.absent), CRITERION.edge):
+        bounds = (b for b in (e.least, e.most) if b != e.absent)
+        acts = math.isfinite(e.low) or math.isfinite(e.high)  # a place along an axis does not
+        if acts and on_bound(e.value, bounds, CRITERION.edge):
             messages.append(f"{where} is on the bound of its range {e.least:g} to {e.most:g}")
         if e.sign * e.value < 0.0:
             kind = "negative" if e.value < 0.0 else "positive"
