@@ -98,6 +98,24 @@ def test_a_command_holds_until_the_next(signals, hinge, change):
     assert len(command) == 400 and np.array_equal(command, np.repeat(command[::50], 50))
 
 
+@pytest.mark.parametrize("latest", [0.0, 0.002])
+def test_commands_dropped_with_a_reading_are_on_the_line_about_them(signals, hinge, change, latest):
+    """In the rows of the readings, at the rate of the drive; others hold, as events do."""
+    rng = np.random.default_rng(3)
+    here, late = rng.random(400) > 0.05, latest * rng.random(400)
+    here[[0, -1]], late[[0, -1]] = True, 0.0
+    plain = signals()[0]
+
+    def lossy(track):
+        return change(track, t=(track.t + late)[here], x=track.x[here])
+
+    made = align.record("run", signals(q=lossy, dq=lossy, command_position=lossy), hinge)
+    off = made.command["position"][:, 0] - np.interp(made.t, plain.t - plain.t[0], plain.x)
+    assert np.abs(off[1:-1]).max() < 0.02 * np.ptp(plain.x)
+    alone = align.record("run", signals(command_position=lossy), hinge).command["position"][:, 0]
+    assert np.isin(alone, plain.x[here]).all()
+
+
 def test_a_measured_command_runs_on_between_its_samples(signals, hinge, change):
     def rare(track):
         return change(track, t=track.t[::50], x=track.x[::50], between="line")

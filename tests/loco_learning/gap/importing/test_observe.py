@@ -46,6 +46,16 @@ def test_cut_off_signals_are_told():
     assert observe.notes([track(wave, "tau")], 200.0, 4.5) == []
 
 
+@pytest.mark.parametrize(("size", "told"), [(3.0, False), (10.4, False), (13.0, True)])
+def test_torques_that_the_model_cannot_give_are_told(size, told):
+    plant = SimpleNamespace(joints=("hinge",), effort=np.array([10.0]), drives={"hinge": None},
+                            springs={})  # fmt: skip
+    notes = observe.above_limits([track(size * np.sin(3.0 * T), "tau"), track(99.0 * T)], plant)
+    assert bool(notes) is told and all("effort limit of the model is 10" in note for note in notes)
+    plant.springs = {"hinge": None}  # which may be in the torque
+    assert observe.above_limits([track(size * np.sin(3.0 * T), "tau")], plant) == []
+
+
 @pytest.mark.parametrize("shift", [0.0, 0.0113, 0.05])
 def test_lags_are_continuous(shift):
     rng = np.random.default_rng(0)

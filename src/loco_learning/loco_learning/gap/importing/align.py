@@ -104,13 +104,13 @@ def record(
     rate = slow.multiple(own_rate, robot) if sparse else own_rate
     axis = ticks.axis(tracks, start, end, rate)
     checks.long_enough(name, axis)
-    data = _fill(name, tracks, robot, axis)
+    data = _fill(name, ticks.bridged(tracks, own_rate), robot, axis)
     if sparse:
         data |= slow.commands(sparse, axis, robot, data)
         messages.append(slow.note(sparse, own_rate, robot))
     data |= {"resolution": observe.steps(tracks), "stamps": observe.stamps(tracks),
              "trusted": trust_units, **known}  # fmt: skip
-    messages += observe.notes(tracks, rate, CUTS.silence)
+    messages += observe.notes(tracks, rate, CUTS.silence) + observe.above_limits(tracks, robot)
     result = Record(name, axis - axis[0], **data)
     if result.simulated > FINE_STEP:
         messages.append(STEPS.format(1e3 * result.simulated))

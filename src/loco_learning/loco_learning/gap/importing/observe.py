@@ -18,6 +18,7 @@ TURN = 2.0 * np.pi
 STUCK = 5  # consecutive samples at the largest value that are not by chance
 CLIPPED = 0.01  # share of samples at the largest value above which a signal is clipped
 DEVIATION = 1.4826  # standard deviation of a normal law over its median absolute value
+BEYOND = 1.1  # torque over the limit of the model from which on it is above it (taste)
 LEVELS = 20  # a signal of fewer different values is a switch, not a clipped one
 
 
@@ -138,6 +139,25 @@ def _stamps(tracks: Sequence[Track], rate: float, gap: float) -> list[str]:
             f"{who}: uneven stamps, {1e3 * low:.2f} to {1e3 * high:.2f} ms apart, resampled at "
             f"{rate:.6g} Hz"
         )
+    return messages
+
+
+def above_limits(tracks: Sequence[Track], robot: Robot) -> list[str]:
+    """Notes on measured torques that the model cannot give, since its limit of the joint is lower.
+
+    Args:
+        tracks: Signals of the robot.
+        robot: Robot of the model.
+    """
+    messages = []
+    for track in tracks:
+        if track.role != "tau" or track.place not in robot.drives or track.place in robot.springs:
+            continue
+        limit = float(robot.effort[robot.joints.index(track.place)])
+        reached = float(np.percentile(np.abs(track.x[np.isfinite(track.x)]), 99.0))
+        if reached > BEYOND * limit > 0.0:
+            text = f"{track.label} reaches {reached:.4g}, and the effort limit of the model is "
+            messages.append(Doubt(f"{text}{limit:.4g}: which of them is wrong?"))
     return messages
 
 

@@ -86,3 +86,15 @@ def test_dropped_readings_leave_the_period_as_it_was(share, jitter):
 def test_the_period_of_readings_at_any_times_is_their_mean():
     t = np.cumsum(np.random.default_rng(7).uniform(0.2, 1.8, 4000)) / RATE
     assert ticks.period(t) == pytest.approx(float(np.mean(np.diff(t))), rel=1e-9)
+
+
+@pytest.mark.parametrize("behind", [-0.45, -1e-3, 0.0, 1e-6, 0.02, 0.45])
+def test_a_command_acts_from_the_time_closest_to_its_stamp(behind):
+    """A clock a hair behind the axis delays no command by a whole step."""
+    axis, x = 0.002 * np.arange(500), np.arange(500.0)
+    track = Track("command_position", "hinge", axis + 0.002 * behind, x, "made")
+    assert np.array_equal(ticks.hold(track, axis), x)
+    rng = np.random.default_rng(0)
+    slow = axis[::7] + 0.002 * rng.uniform(-0.49, 0.49, len(axis[::7]))  # rare, and uneven
+    held = ticks.hold(Track("command_position", "hinge", slow, x[::7], "made"), axis)
+    assert np.array_equal(held, 7.0 * np.floor(x / 7.0))

@@ -8,6 +8,7 @@ are moved from their stamps to the closest time.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -35,15 +36,48 @@ def period(t: np.ndarray) -> float:
     usual = step[step <= CUTS.silence * np.median(step)]
     lengths = usual / np.median(step)
     periods = np.round(lengths)
-    off = np.sqrt(np.mean((lengths - periods) ** 2))
-    return float(np.mean(usual) / (np.mean(periods) if off <= TICKS.dropped else 1.0))
+    error = np.sqrt(np.mean((lengths - periods) ** 2))
+    return float(np.mean(usual) / (np.mean(periods) if error <= TICKS.dropped else 1.0))
+
+
+def bridged(tracks: Sequence[Track], rate: float) -> list[Track]:
+    """Tracks in which commands that were dropped with a reading are on the line about them.
+
+    They were not held meanwhile, if commands are logged in the rows of the readings and one by one.
+
+    Args:
+        tracks: Signals with increasing time stamps.
+        rate: Rate of the common axis [Hz].
+    """
+    rows = {track.t.tobytes() for track in tracks if track.role == "q"}
+    return [
+        _bridged(track, rate)
+        if track.role.startswith("command_") and not track.between and track.t.tobytes() in rows
+        and abs(period(track.t) * rate - 1.0) <= TICKS.whole else track
+        for track in tracks
+    ]  # fmt: skip
+
+
+def _bridged(track: Track, rate: float) -> Track:
+    lengths = np.round(np.diff(track.t) * rate).astype(int)
+    lengths[lengths > CUTS.silence] = 1
+    row = np.repeat(np.arange(len(track.t)), np.append(lengths, 1).clip(1))
+    part = (np.arange(len(row)) - np.searchsorted(row, row)) / np.append(lengths, 1).clip(1)[row]
+    following = (row + 1).clip(max=len(track.t) - 1)
+    t, x = (v[row] + part * (v[following] - v[row]) for v in (track.t, track.x))
+    return replace(track, t=t, x=x)
 
 
 def hold(track: Track, axis: np.ndarray) -> np.ndarray:
-    """Command at each time, (T,): zero-order hold, or interpolated if the track is linear."""
+    """Command at each time, (T,): zero-order hold, or interpolated if the track is linear.
+
+    A command acts from the time that is closest to its stamp. From the next time on it would act
+    late by half a step on average, and by a whole one where stamps are just behind the times.
+    """
     if track.between == "line":
         return np.interp(axis, track.t, track.x)
-    row = np.searchsorted(track.t, axis + 1e-6, side="right") - 1
+    margin = (0.5 - TICKS.even) * _step(axis) if len(axis) > 1 else 0.0
+    row = np.searchsorted(track.t, axis + margin, side="right") - 1
     return track.x[np.maximum(row, 0)]
 
 
