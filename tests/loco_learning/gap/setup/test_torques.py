@@ -10,6 +10,7 @@ import pytest
 import yaml
 
 import loco_sim
+from loco_learning.gap.recordings.record import Record
 from loco_learning.gap.setup import family, torques
 from loco_sim.bolted.loop import Bolted
 from loco_sim.effects import from_list
@@ -320,3 +321,45 @@ def test_columns_of_torques_are_told_by_what_the_motion_needs(
     torques_of = record.command["torque"] if kinds == PASSED else record.signals["tau"]
     clean_torques = np.stack([clean[f"tau_{joint}"] for joint in names], axis=1)
     np.testing.assert_allclose(torques_of, clean_torques, rtol=1e-5, atol=1e-5)
+
+
+AXIS = """<robot name="blade"><link name="base"/><link name="blade">
+  <inertial><mass value="40"/><inertia ixx="12" iyy="12" izz="{}" ixy="0" ixz="0" iyz="0"/></inertial></link>
+  <joint name="turn" type="continuous"><parent link="base"/><child link="blade"/><axis xyz="0 0 1"/></joint>
+</robot>"""
+
+
+@pytest.mark.parametrize("constant", [0.2, 12.0, 60.0])  # N·m per A
+def test_currents_tell_no_unit_of_a_motion_by_the_integrator_of_its_drive(tmp_path, constant):
+    """A PI loop of velocities: a motion in degrees needs as much less torque as a current is."""
+    inertia, gain, integral, dt = 20.0, 150.0, 900.0, 0.01
+    (tmp_path / "blade.urdf").write_text(AXIS.format(inertia))
+    drive = f"{{kind: impedance, kd: {gain}, speed_ki: {integral}}}"
+    (tmp_path / "robot.yaml").write_text(
+        "urdf: blade.urdf\njoints: [turn]\nfixed_base: true\nheight: 0.0\ncontrol_rate: 100\n"
+        f"drives: {{turn: {drive}}}\n"
+    )
+    records = []
+    for seed in range(2):
+        rng = np.random.default_rng(seed)
+        q, dq, z, rows = 0.1, 0.0, 0.0, []
+        rate, size = rng.uniform(0.2, 1.5, 4) * 2.0 * np.pi, rng.uniform(0.02, 0.05, 4)
+        for k in range(800):
+            told = float(size @ np.sin(rate * dt * k))
+            rows.append((told, q, gain * (told - dq) + z))
+            for _ in range(100):
+                z += 0.01 * dt * integral * (told - dq)
+                dq += 0.01 * dt * (gain * (told - dq) + z) / inertia
+                q += 0.01 * dt * dq
+        told, q, tau = np.array(rows).T
+        signals = {
+            "q": (q + rng.normal(0.0, 3e-5, len(q)))[:, None],
+            "tau": tau[:, None] / constant,
+        }
+        records.append(Record(f"r{seed}", dt * np.arange(len(q)), {"velocity": told[:, None]},
+                              ("turn",), signals, ("turn",)))  # fmt: skip
+    found = family.find_mistakes(Model(str(tmp_path)), records)
+    assert {finding.fault for finding in found} <= {"effort"}
+    if constant > 3.0:
+        (line,) = found[0].mends
+        assert line.role == "tau" and line.value == pytest.approx(constant, rel=0.1)

@@ -17,6 +17,7 @@ from loco_control.exceptions import LocoError
 from loco_sim.bolted.loop import needs_engine
 from loco_sim.plant.model import Model
 
+from ..prediction import running
 from ..prediction.forward import Forward, ForwardParams
 from ..prediction.led import InverseDynamics, possible
 from ..recordings import lags
@@ -104,7 +105,20 @@ class Bench:
         self.records = [busiest(record, SECONDS) for record in selected[:COUNT]]
         self._trials: dict[str, Trial | None] = {}
         self._robots: dict[Any, Robot] = {}
+        self._without_tau = False
         self.possible = bool(self.records) and self() is not None and bool(self().joints)
+        if self.possible and running.integral_limits(self.robot).any():
+            self._without_tau = self._misleads()
+            self._trials.clear()
+
+    def _misleads(self) -> bool:
+        """Whether the model fits better with integrators that do not begin by measured torques.
+
+        A current whose torque constant is not known would make another unit of the motion likely.
+        """
+        before, self._without_tau = self().miss(), True
+        self._trials.clear()
+        return self.miss() < before
 
     def mended(self, changes: Iterable[Change]) -> Bench:
         """Copy with more changes of the set-up; itself if there are none."""
@@ -217,7 +231,10 @@ class Bench:
         if self.free:
             return commanded(records)
         if not self.led:
-            forward = self._forward(Forward, changes, records, "q")
+            parts = (
+                [_without_torques(record) for record in records] if self._without_tau else records
+            )
+            forward = self._forward(Forward, changes, parts, "q")
             self.led = possible(forward) and not forward.robot().springs  # springs restore joints
         if self.led:
             forward = self._forward(InverseDynamics, changes, records, "tau")
@@ -231,6 +248,11 @@ class Bench:
         """Forward model with changes of the set-up; robots that were loaded once are kept."""
         model, params = model_with(self.model, changes), ForwardParams(signals=(signal,))
         return kind(model, records, params, self._robots)
+
+
+def _without_torques(record: Record) -> Record:
+    """The recording without measured torques."""
+    return replace(record, signals={k: v for k, v in record.signals.items() if k != "tau"})
 
 
 def moving(record: Record, joints: Sequence[str]) -> np.ndarray:
