@@ -16,13 +16,14 @@ from loco_sim.effects import from_list
 from loco_sim.plant.joint_commands import JointCommands
 from loco_sim.plant.model import Model
 from loco_sim.robot.robot import Robot
+from loco_sim.robot.servo import TorqueDrive
 
 from ...runs.experiment import Experiment
 from ...runs.log import Log
 from ...runs.rollout import rollout
 from ..prediction import running
 from ..recordings.record import Record, bridged
-from .excitation import joints_of, library
+from .excitation import library
 
 signal = lazy.module("scipy.signal")  # loaded on first use, since it takes 0.5 s
 
@@ -169,12 +170,17 @@ def record_of(log: Log, name: str = "") -> Record:
     """A simulation log as a `Record`: commands, joints and IMU."""
     robot = log.experiment.plant
     driven = tuple(robot.joints[i] for i in robot.driven)
-    torque = not np.isfinite(joints_of(robot).speed).any()
-    kind = "torque" if torque else "position"
+    is_torque = np.array(
+        [isinstance(robot.drives[name], TorqueDrive) for name in driven], dtype=bool
+    )
+    command = {}
+    if is_torque.any():
+        command["torque"] = np.where(is_torque, log.command, 0.0)
+    if not is_torque.all():
+        command |= {"position": np.where(is_torque, 0.0, log.command), "velocity": log.command_dq}
     signals = {"q": log.q, "dq": log.dq, "tau": log.tau}
     signals |= {"gyro": log.gyro, "acceleration": log.acceleration}
     overrides = {k: v for k, v in log.experiment.overrides.items() if k in ("fixed_base", "height")}
-    command = {kind: log.command} if torque else {kind: log.command, "velocity": log.command_dq}
     return Record(
         name or log.experiment.name, log.t - log.t[0], command, driven,
         {k: np.array(v) for k, v in signals.items()}, robot.joints, overrides=overrides,
