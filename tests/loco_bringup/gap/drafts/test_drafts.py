@@ -8,8 +8,9 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from sensor_msgs.msg import JointState
-from std_msgs.msg import Float64MultiArray
+from sensor_msgs.msg import Imu, JointState
+from std_msgs.msg import Float64, Float64MultiArray
+from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 from loco_bringup.cli import main as cli
 from loco_bringup.gap import importing
@@ -72,6 +73,44 @@ def test_a_bag_with_other_topics_is_refused_with_the_command_that_works(tmp_path
     assert call(*command.replace("ROBOT", "servo_pendulum").split()) == 0
     (record,) = importing.load(folder, SERVO, "mapping.yaml")
     assert record.command["position"][:, 0] == pytest.approx(goal(record.t), abs=1e-8)
+
+
+def trajectory(t, points=1):
+    point = JointTrajectoryPoint(positions=[0.0, goal(t)])
+    return JointTrajectory(joint_names=["finger", "pivot"], points=[point] * points)
+
+
+def gravity(t):
+    message = Imu()
+    message.linear_acceleration.z, message.angular_velocity.x = 9.8, goal(t)
+    message.orientation_covariance[0] = -1.0
+    return message
+
+
+@pytest.mark.parametrize(
+    "command",
+    [
+        {"arm__joint_trajectory": trajectory},
+        {"arm__commands": lambda t: Float64MultiArray(data=[goal(t)])},
+        {"pivot_position_controller__command": lambda t: Float64(data=goal(t))},
+    ],
+)
+def test_a_bag_of_controllers_is_drafted_by_the_search_itself(tmp_path, command):
+    folder = bag(tmp_path / "a", joint_states=states, imu__raw=gravity, **command)
+    out = tmp_path / "out"
+    robot, rules, notes = importing.drafted("servo_pendulum", [str(folder)], "", out)
+    assert (robot, rules) == ("servo_pendulum", str(out / importing.MAPPING)) and len(notes) == 1
+    (record,) = importing.load(folder, SERVO, rules)
+    assert record.command["position"][:, 0] == pytest.approx(goal(record.t), abs=1e-8)
+    assert record.signals["gyro"][:, 0] == pytest.approx(goal(record.t), abs=1e-8)
+    assert "orientation" not in record.signals  # unknown
+    known = bag(tmp_path / "b", joint_states=states, joint_command=states)
+    assert importing.drafted("servo_pendulum", [str(known)], "", out)[1] == ""
+
+
+def test_a_trajectory_of_several_points_is_no_command(tmp_path):
+    folder = bag(tmp_path / "a", joint_states=states, joint_trajectory=lambda t: trajectory(t, 2))
+    assert "# Missing: a command of pivot" in terminal.draft(folder, ("pivot",))
 
 
 def test_the_state_of_a_trajectory_controller_has_both():

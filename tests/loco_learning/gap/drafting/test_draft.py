@@ -57,6 +57,52 @@ def test_words_of_a_name_say_role_and_joint(name, role, joint):
         assert free.role == role and free.joint == "knee"
 
 
+@pytest.mark.parametrize(
+    ("name", "role", "joint"),
+    [
+        ("hip.p", "q", "hip"), ("knee_v", "dq", "knee"), ("hip.p_des", "command_position", "hip"),
+        ("v_des_knee", "command_velocity", "knee"), ("hip.t_ff", "command_torque", "hip"),
+        ("knee_tau_ff", "command_torque", "knee"), ("knee_vel_ff", "command_velocity", "knee"),
+        ("hip.kp", "", "hip"), ("knee V", "", "knee"), ("v_bat", "", ""),
+        ("knee_p_gain", "", "knee"),
+    ],
+)  # fmt: skip
+def test_the_letters_of_a_drive_that_takes_positions_gains_and_torques(name, role, joint):
+    said = words.guess(name, ("hip", "knee"))
+    assert (said.role, said.joint) == (role, joint)
+
+
+@pytest.mark.parametrize(
+    ("name", "role", "joint"),
+    [
+        ("Sollgeschw. [°/s]", "command_velocity", "blade"), ("Blattwinkel [°]", "q", "blade"),
+        ("kneepos", "q", "knee"), ("targetvel_knee", "command_velocity", "knee"),
+        ("motorcurrent knee", "tau", "knee"), ("Sollwinkel Knie", "command_position", "Knie"),
+        ("payload", "", ""), ("position", "q", "blade"),
+    ],
+)  # fmt: skip
+def test_words_that_are_written_together(name, role, joint):
+    said = words.guess(name, (joint or "knee",))
+    assert said.role == role and said.joint == (joint if joint in ("knee", "Knie") else "")
+
+
+def test_names_of_a_robot_arm_that_call_what_is_desired_d():
+    """Also where the column without the letter is not logged."""
+    names = ["t", "tau_J_d[0]", "tau_J_d[1]", "q[0]", "q[1]"]
+    _, rules = drafted(names, ("fr3_joint1", "fr3_joint2"))
+    assert [(c.role, c.place) for c in rules.columns] == [
+        (role, joint) for role in ("command_torque", "q") for joint in ("fr3_joint1", "fr3_joint2")
+    ]
+    assert words.guess("shaft_d_pos", ("knee",)).role == "q"  # an unknown word beside it
+
+
+def test_letters_and_numbers_are_the_joints_in_their_order():
+    _, rules = drafted(["t", "p_des1", "p_des2", "p1", "p2", "v1", "v2"], ("hip", "knee"))
+    assert [(c.role, c.place) for c in rules.columns] == [
+        (role, joint) for role in ("command_position", "q", "dq") for joint in ("hip", "knee")
+    ]
+
+
 def test_ts_is_a_time():
     assert words.time_unit("ts") == words.time_unit("time") == ""
 

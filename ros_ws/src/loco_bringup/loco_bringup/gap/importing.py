@@ -49,7 +49,7 @@ def drafted(
 
     Args:
         robot: Robot, ``robot.yaml`` or ``model.yaml``; a URDF, xacro or MJCF gets a draft.
-        bags: Recordings. Tables of which none has a mapping get a draft.
+        bags: Recordings. Tables and bags of other topics get a draft if none has a mapping.
         mapping_file: Path of a mapping; empty for none.
         folder: Folder of the results.
 
@@ -144,9 +144,12 @@ def _fitting(text: str, rules: Mapping, robot: str) -> str:
 
 
 def _is_undescribed(path: Path) -> bool:
-    """Whether a recording consists of tables without a mapping."""
-    files = path.iterdir() if path.is_dir() else [path]
-    return not suffix_of(path) and any(map(tables.is_table, files)) and not mapping_of(path, None)
+    """Whether a recording has no mapping and needs one: tables, or a bag of other topics."""
+    if not path.exists() or mapping_of(path, None):
+        return False
+    if suffix_of(path):
+        return not gap_topics.is_known(open_bag(path))
+    return any(map(tables.is_table, path.iterdir() if path.is_dir() else [path]))
 
 
 @understood("whole recording")

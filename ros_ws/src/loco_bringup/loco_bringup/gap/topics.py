@@ -51,6 +51,13 @@ def read(bag: Bag, robot: Robot, namespace: str, base_pose: bool) -> tuple[list[
     return tracks, notes
 
 
+def is_known(bag: Bag) -> bool:
+    """True if a bag has the commands and states of a loco graph, in any namespace."""
+    pairs = ((ROBOT_STATE, _STATE), (COMMAND, _JOINTS))
+    return any(topic.endswith("/" + name) and _has(bag, topic, kind)
+               for topic in bag.topics for name, kind in pairs)  # fmt: skip
+
+
 def how_to_map(bag: Bag) -> str:
     """Command that drafts a mapping, which names other topics."""
     return (

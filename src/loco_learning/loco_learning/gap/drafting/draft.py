@@ -24,6 +24,7 @@ EVEN = 0.01  # largest difference between steps of a clock, over the step (taste
 FOLLOWING = 0.5  # deviation of a command from the position, over that of the position (taste)
 UNEXPLAINED = 0.3  # unexplained share of a torque, below which it is that of a controller (taste)
 MOTION_COMMANDS = ("command_position", "command_velocity")
+JOINT = "joint"  # key of the place of most columns
 ANGLES, UNREAD = ("q", "command_position"), ("dq", "tau")
 
 
@@ -34,7 +35,7 @@ class Line:
     Attributes:
         column: Name of the column, or path of a field.
         role: Role of the values.
-        joint: Joint of the values.
+        joint: Joint of the values, or what else `key` says.
         why: Reason in words.
         unit: Unit; empty is the SI unit.
         topic: Topic in a bag.
@@ -42,6 +43,7 @@ class Line:
         offset: Offset in the SI unit; empty where none is needed.
         missing: Texts in the column that are no reading.
         is_named: Whether the column says the name or number of the joint.
+        key: Key of the place, such as "joint" or "axis".
     """
 
     column: str
@@ -54,6 +56,7 @@ class Line:
     offset: str = ""
     missing: tuple[str, ...] = ()
     is_named: bool = True
+    key: str = JOINT
 
     def also(self, why: str) -> Line:
         """The line with one more reason."""
@@ -69,7 +72,7 @@ class Line:
         missing = f", missing: [{', '.join(map(_text, self.missing))}]" if self.missing else ""
         return (
             f"  - {{{topic}column: {_quoted(self.column)}, role: {self.role}, "
-            f"joint: {_quoted(self.joint)}{unit}{scale}{missing}}}  # {self.why}"
+            f"{self.key}: {_quoted(self.joint)}{unit}{scale}{missing}}}  # {self.why}"
         )
 
 
@@ -338,7 +341,7 @@ def _follows(values: np.ndarray, q: np.ndarray) -> bool:
 
 def missing(lines: Mapping[tuple[str, str], Line], joints: Sequence[str]) -> list[tuple[str, str]]:
     """Roles that a search needs and no line provides, in words, each with its joint."""
-    required = joints or sorted({joint for _, joint in lines})
+    required = joints or sorted({line.joint for line in lines.values() if line.key == JOINT})
     commanded = {joint for role, joint in lines if role.startswith("command_")}
     absent = [("q", joint) for joint in required if ("q", joint) not in lines]
     return absent + [("a command", joint) for joint in required if joint not in commanded]

@@ -19,6 +19,7 @@ COMMANDS = frozenset(
 )
 # Commands only if the other words of a name are known; the second are torques without another word.
 SETS, INPUTS = frozenset(("set",)), frozenset(("u", "input", "inputs"))
+FEEDS = frozenset(("ff", "feedforward"))  # commands too; torques without another word
 CONTROLS = frozenset(("ctrl",))  # as inputs, where no other word says what they are
 DESIRED = frozenset("d r c".split())  # desired, of the column whose name lacks this letter
 # Of a loop or a drive, and neither a command nor a motion.
@@ -30,11 +31,12 @@ QUANTITIES = {
     "position": "pos position positions angle angles q qpos encoder enc winkel weg "
     "theta phi alpha beta gamma psi",
     "velocity": "vel velocity velocities dq qd qdot qvel thetadot dtheta speed speeds omega "
-    "drehzahl geschwindigkeit",
+    "drehzahl geschwindigkeit geschw",
     "torque": "tau torque torques effort efforts trq force forces load moment moments kraft "
     "drehmoment",
     "current": "current currents cur amps strom iq",
 }
+LETTER_OF = {"p": "position", "v": "velocity"}  # in small letters, as in knee.p and knee.v_des
 ROLES = {"position": "q", "velocity": "dq", "torque": "tau", "current": "tau"}
 UNITS = {
     "deg": "deg", "degree": "deg", "degrees": "deg", "rad": "rad", "radian": "rad", "mm": "mm",
@@ -49,7 +51,7 @@ TIMES = {
 }  # fmt: skip
 COUNTERS = frozenset("row rows sample samples index idx i n seq count counter step frame".split())
 NOISE = frozenset(
-    "joint joints topic field data value values dof motor axis achse header robot the of".split()
+    "j joint joints topic field data value values dof motor axis achse header robot the of".split()
     + ["name", "names"]
 )
 OTHER_SENSORS = frozenset(  # of the base, the feet and their sensors, whose numbers are no joints
@@ -58,7 +60,12 @@ OTHER_SENSORS = frozenset(  # of the base, the feet and their sensors, whose num
 LETTERS = frozenset("a j m".split())  # of axis, joint and motor, before a number
 _OF_WORD = {token: kind for kind, text in QUANTITIES.items() for token in text.split()}
 VOCABULARY = frozenset(
-    {*COMMANDS, *SETS, *INPUTS, *CONTROLS, *MEASURED, *UNITS, *NOISE, *_OF_WORD, "s", "m"}
+    {*COMMANDS, *SETS, *INPUTS, *FEEDS, *CONTROLS, *MEASURED, *UNITS, *NOISE, *_OF_WORD, "s", "m"}
+)
+# Ends of words that are written together, such as motorpos and Blattwinkel.
+_ENDS = re.compile(
+    r"(.{2,})(pos|position|angle|winkel|vel|velocity|speed|drehzahl|geschwindigkeit|geschw|torque|"
+    r"moment|kraft|current|strom)"
 )
 _SPLIT = re.compile(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+|\d+")
 
@@ -87,7 +94,10 @@ def split_name(name: str) -> list[str]:
 
 @functools.cache
 def _parts(token: str) -> tuple[str, ...]:
-    """The two known words of which a word consists, as ist and position; else the word."""
+    """The two words of which a word consists, as ist and position, or knee and pos; else the word.
+
+    Both are known, or the second is a quantity.
+    """
     for i in range(1, len(token) - 1):
         if (
             token not in VOCABULARY
@@ -95,7 +105,8 @@ def _parts(token: str) -> tuple[str, ...]:
             and token[:i] not in "sm"
         ):
             return token[:i], token[i:]
-    return (token,)
+    match = None if token in VOCABULARY else _ENDS.fullmatch(token)
+    return match.groups() if match else (token,)
 
 
 def guess(name: str, joints: Sequence[str] = ()) -> Guess:
@@ -110,10 +121,13 @@ def guess(name: str, joints: Sequence[str] = ()) -> Guess:
     rest = _without(split_name(name), joint_tokens) or split_name(name)
     unknown = [token for token in rest if token not in VOCABULARY]
     of = next(filter(_OF_WORD.__contains__, reversed(rest)), "")
+    if not of and (joint or joints):
+        of = _letter(name, unknown)
+        unknown = _without(unknown, [of] * bool(of))
     is_explained = of or not (joint or joints) or all(map(str.isdigit, unknown))
     commanded = next(filter(_commands(of, is_explained).__contains__, rest), "")
     marker = commanded or next(filter(MEASURED.__contains__, rest), "")
-    kind = _OF_WORD.get(of) or _kind_of_unit(name, marker)
+    kind = {**LETTER_OF, **_OF_WORD}.get(of) or _kind_of_unit(name, marker)
     if not kind or not SETTINGS.isdisjoint(rest):
         return Guess("", "", joint, "")
     role = f"command_{'torque' if kind == 'current' else kind}" if commanded else ROLES[kind]
@@ -124,20 +138,39 @@ def guess(name: str, joints: Sequence[str] = ()) -> Guess:
     return Guess(role, unit, joint, why or f"“{marker}”")
 
 
+def _letter(name: str, unknown: Sequence[str]) -> str:
+    """Letter of a quantity in a name of which all other words are known; empty if there is none."""
+    letters = [w for w in unknown if not w.isdigit()]
+    is_one = len(letters) == 1 and letters[0] in LETTER_OF and letters[0] in _SPLIT.findall(name)
+    return letters[0] if is_one else ""
+
+
 def _commands(of: str, is_explained: bool) -> frozenset[str]:
     """Words that say a command in a name with a word of a quantity, or with no unknown words."""
-    return COMMANDS | (frozenset() if of else CONTROLS) | (SETS | INPUTS if is_explained else set())
+    return (
+        COMMANDS
+        | FEEDS
+        | (frozenset() if of else CONTROLS)
+        | (SETS | INPUTS if is_explained else set())
+    )
 
 
 def spelled_out(names: Iterable[str]) -> dict[str, str]:
-    """Names with ``des`` for the letter of desired values: q_des for q_d, beside a column q."""
+    """Names with ``des`` for the letter of desired values: q_des for q_d.
+
+    Beside a column q, or of the letter d if all other words are known, as of ``tau_J_d``.
+    """
     names = list(names)
     tokens, result = {tuple(split_name(name)) for name in names}, {}
     for name in names:
         result[name] = name
         for match in _SPLIT.finditer(name):
             before, after = name[: match.start()], name[match.end() :]
-            if match[0] in DESIRED and (*split_name(before), *split_name(after)) in tokens:
+            rest = (*split_name(before), *split_name(after))
+            is_quantity = not _OF_WORD.keys().isdisjoint(rest) and VOCABULARY.issuperset(
+                w for w in rest if not w.isdigit()
+            )
+            if match[0] in DESIRED and (rest in tokens or is_quantity and match[0] == "d"):
                 result[name] = f"{before}des{after}"
     return result
 
@@ -172,7 +205,7 @@ def _kind_of_unit(name: str, marker: str) -> str:
         name: Name without a word of a quantity.
         marker: Word of the name for a command or a measurement; "" if it has none, and then its
             unit tells nothing. A command without a unit is a position, or a torque if it is an
-            input.
+            input or is fed forward.
     """
     for text in _units_in(name) if marker else ():
         try:
@@ -184,7 +217,7 @@ def _kind_of_unit(name: str, marker: str) -> str:
             return next(iter(names), "current")
     if not marker or marker in MEASURED:
         return ""
-    return "torque" if marker in INPUTS | CONTROLS else "position"
+    return "torque" if marker in INPUTS | CONTROLS | FEEDS else "position"
 
 
 def _unit(name: str, role: str) -> str:

@@ -7,13 +7,14 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 from loco_learning.gap.drafting import words
-from loco_learning.gap.drafting.draft import Line, written
+from loco_learning.gap.drafting.draft import JOINT, Line, written
 
 from ...bag.reader import Bag
 
 ROLES = {"position": "q", "velocity": "dq", "effort": "tau"}
 COMMANDS = {"position": "command_position", "velocity": "command_velocity",
             "effort": "command_torque"}  # fmt: skip
+MOTION = {"gyro": "angular_velocity", "acceleration": "linear_acceleration"}  # of an IMU
 POINTS = {"reference": True, "desired": True, "feedback": False, "actual": False}
 
 
@@ -34,13 +35,19 @@ def of_bag(bag: Bag, joints: Sequence[str]) -> str:
             for message in first_messages(bag, name):
                 lines += [x for x in reader(name, message, joints) if x not in lines]
     order = {joint: row for row, joint in enumerate(joints)}
-    retained = [line for line in lines if not joints or line.joint in order]
-    strangers = dict.fromkeys(line.joint for line in lines if joints and line.joint not in order)
+    retained = [line for line in lines if not joints or line.joint in order or line.key != JOINT]
+    strangers = dict.fromkeys(line.joint for line in lines if line not in retained)
     return written(retained, sorted(bag.topics), joints, bag.path.name, strangers=list(strangers))
 
 
 def first_messages(bag: Bag, name: str) -> list[Any]:
-    """First message of a topic; of JointState the first with each set of joints and fields."""
+    """First message of a topic; of JointState the first with each set of joints and fields.
+
+    None of a topic of trajectories with several points, which are no commands of their own.
+    """
+    if bag.topics[name].type.endswith("/JointTrajectory"):
+        messages = list(bag.messages(name))
+        return messages[:1] if all(len(message.points) == 1 for message in messages) else []
     if not bag.topics[name].type.endswith("/JointState"):
         return [bag.message(name, bag.raw(name)[1][0])]
     variants: dict[tuple, Any] = {}
@@ -92,9 +99,48 @@ def _trajectory_state(name: str, message: Any, joints: Sequence[str]) -> list[Li
     ]  # fmt: skip
 
 
+def _trajectory(name: str, message: Any, joints: Sequence[str]) -> list[Line]:
+    point, lists = message.points[0], {"position": "positions", "velocity": "velocities",
+                                       "effort": "effort"}  # fmt: skip
+    return [
+        Line(
+            f"points[0].{lists[field]}[{i}]",
+            role,
+            joint,
+            "JointTrajectory of one point",
+            topic=name,
+        )
+        for field, role in COMMANDS.items()
+        if len(getattr(point, lists[field])) == len(message.joint_names)
+        for i, joint in enumerate(message.joint_names)
+    ]
+
+
+def _number(name: str, message: Any, joints: Sequence[str]) -> list[Line]:
+    guess = words.guess(name, joints)
+    token = _is_command(name)
+    joint = guess.joint or (joints[0] if len(joints) == 1 else "")
+    role = guess.role or ("command_position" if token else "")
+    reason = f"“{token or guess.why}” in the topic"
+    return [Line("data", role, joint, reason, topic=name)] if role and joint else []
+
+
+def _imu(name: str, message: Any, joints: Sequence[str]) -> list[Line]:
+    fields = [(role, field, axis) for role, field in MOTION.items() for axis in "xyz"]
+    is_unknown = message.orientation_covariance[0] < 0.0  # as the definition of the message says
+    if not is_unknown and any(getattr(message.orientation, axis) for axis in "xyzw"):
+        fields += [("orientation", "orientation", axis) for axis in "xyzw"]
+    return [Line(f"{field}.{axis}", role, axis, "Imu", topic=name, key="axis")
+            for role, field, axis in fields]  # fmt: skip
+
+
 READERS: dict[str, Callable[[str, Any, Sequence[str]], list[Line]]] = {
     "JointState": _joint_state,
     "Float64MultiArray": _array,
     "Float32MultiArray": _array,
+    "Float64": _number,
+    "Float32": _number,
+    "Imu": _imu,
+    "JointTrajectory": _trajectory,
     "JointTrajectoryControllerState": _trajectory_state,
 }
