@@ -53,7 +53,9 @@ def found(monkeypatch, records):
 
     monkeypatch.setattr(workflow, "find", find)
     monkeypatch.setattr(
-        runner, "load", lambda path, robot, mapping=None, judge=True: [records["steps" in str(path)]]
+        runner,
+        "load",
+        lambda path, robot, mapping=None, judge=True: [records["steps" in str(path)]],
     )
     return asked
 
@@ -70,6 +72,13 @@ def test_every_verdict_is_one_sentence_without_names_of_code(verdict):
     line = text.headline(result(verdict))
     assert line.lower().startswith(verdict)
     assert "_" not in line and "None" not in line
+
+
+@pytest.mark.parametrize("adequate", [True, False])
+def test_what_an_ambiguous_model_leaves_is_in_its_headline(adequate):
+    """A name beside it would otherwise read as if nothing else was missing."""
+    line = text.headline({**result("ambiguous"), "adequate": adequate})
+    assert line.endswith("More is missing.") is not adequate
 
 
 def test_words_say_what_where_and_how_big():
@@ -413,12 +422,16 @@ def test_a_job_of_others_is_read_key_by_key(tmp_path, change, words):
     (tmp_path / "job.json").write_text(json.dumps(JOB | change))
     with pytest.raises(LocoError, match=words):
         runner.load_job(tmp_path)
-    (tmp_path / "job.json").write_text(json.dumps({k: v for k, v in JOB.items() if k not in change}))
+    (tmp_path / "job.json").write_text(
+        json.dumps({k: v for k, v in JOB.items() if k not in change})
+    )
     with pytest.raises(LocoError, match="job.json"):
         runner.load_job(tmp_path)
 
 
-@pytest.mark.parametrize("options", [{"effects": 3}, {"effects": [3]}, {"seed": "a"}, {"seed": 1e300}])
+@pytest.mark.parametrize(
+    "options", [{"effects": 3}, {"effects": [3]}, {"seed": "a"}, {"seed": 1e300}]
+)
 def test_options_of_a_job_are_those_of_the_command(options):
     with pytest.raises(LocoError, match=f"gap.{next(iter(options))}"):
         runner.options_of(runner.Job("servo_pendulum", ("a.csv",), options=options))

@@ -81,6 +81,7 @@ def contents(
             "format": FORMAT,
             "verdict": decision.verdict,
             "evidence": decision.evidence,
+            "adequate": decision.adequate,
             "names": list(decision.names),
             "terms": in_metres(terms(outcome), case.forward.channels) if with_gap else [],
             "rivals": rival_models(outcome) if with_gap else [],

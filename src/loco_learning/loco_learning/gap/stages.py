@@ -63,6 +63,7 @@ def merge(air: Mapping[str, Any], ground: Mapping[str, Any]) -> dict[str, Any]:
         "verdict": _both(air["verdict"], ground["verdict"]),
         "names": sorted({*air["names"], *ground["names"]}),
         "probability": {},
+        "adequate": all(one.get("adequate", True) for one in (air, ground)),
         "evidence": f"In the air: {air['evidence']} On the ground: {ground['evidence']}",
         "stages": [
             {"where": where, **{key: one[key] for key in STAGE_KEYS}}

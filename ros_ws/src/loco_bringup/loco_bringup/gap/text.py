@@ -102,6 +102,7 @@ def headline(result: Result) -> str:
         identified += [f"{k['kind']} in {place_of(k['places'])}, by what law is not told"
                        for k in result.get("kinds") or ()]  # fmt: skip
         suffix = f" Named: {'; '.join(identified)}." if identified else ""
+        suffix += " More is missing." if result.get("adequate") is False else ""
         return f"Ambiguous: {'; '.join(groups)}. These recordings cannot tell.{suffix}"
     return "Unknown: the model lacks something that none of the effects tried explains."
 
@@ -127,7 +128,9 @@ def term_lines(result: Result) -> list[str]:
     lines = []
     for term in result.get("terms") or ():
         sure = probability(term.get("probability"))
-        lines.append(f"{term_name(term)}: {', '.join(sizes(term)) or 'no size'}; probability {sure}")
+        lines.append(
+            f"{term_name(term)}: {', '.join(sizes(term)) or 'no size'}; probability {sure}"
+        )
     return lines
 
 
