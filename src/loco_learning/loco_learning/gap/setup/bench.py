@@ -7,7 +7,7 @@ error of the model.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -56,16 +56,25 @@ class Trial:
         It is 0 for a joint that is held.
         """
         square, size = np.zeros(len(self.joints)), np.zeros(len(self.joints))
+        for errors, valid in self._errors():
+            square += np.minimum(np.sum(errors**2, axis=0), MAX_ERROR**2 * len(errors))
+            size += valid.sum(axis=0)
+        return np.minimum(np.sqrt(square / np.maximum(size, 1.0)), MAX_ERROR)
+
+    def errors(self) -> np.ndarray:
+        """Errors of all joints over the deviation of their signals, (N,), up to `MAX_ERROR`."""
+        errors = [each[valid] for each, valid in self._errors()]
+        return np.clip(np.concatenate(errors), -MAX_ERROR, MAX_ERROR)
+
+    def _errors(self) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+        """Errors over the deviation of each signal, and flags of those that count, per record."""
         for sim, measured, moving in self.each():
             valid = np.isfinite(measured) & moving
             errors = np.where(valid, np.where(np.isfinite(sim), sim - measured, np.inf), 0.0)
             count = np.maximum(valid.sum(axis=0), 1)
             mean = np.where(valid, measured, 0.0).sum(axis=0) / count
             variance = np.where(valid, (measured - mean) ** 2, 0.0).sum(axis=0) / count
-            usual = np.maximum(variance, 1e-12)
-            square += np.minimum(np.sum(errors**2, axis=0) / usual, MAX_ERROR**2 * len(errors))
-            size += valid.sum(axis=0)
-        return np.minimum(np.sqrt(square / np.maximum(size, 1.0)), MAX_ERROR)
+            yield errors / np.sqrt(np.maximum(variance, 1e-12)), valid
 
     def miss(self, joints: Sequence[str] = ()) -> float:
         """Rms of `misses` over some joints, or over all if none is named, without held ones."""
@@ -104,8 +113,8 @@ class Bench:
         )
         self.records = [busiest(record, SECONDS) for record in selected[:COUNT]]
         self._trials: dict[str, Trial | None] = {}
-        self._robots: dict[Any, Robot] = {}
         self._without_tau = False
+        self._robots: dict[Any, Any] = {}
         self.possible = bool(self.records) and self() is not None and bool(self().joints)
         if self.possible and running.integral_limits(self.robot).any():
             self._without_tau = self._misleads()

@@ -57,8 +57,8 @@ def _fitted(bench: Bench, joints: Sequence[str]) -> list[Finding]:
     for direction in (np.ones(len(joints)), *np.eye(len(joints))):  # all alike, then each by itself
         candidates = [best + by * direction[:, None] for by in np.log(LIMITS.scales)]
         best = min(candidates, key=lambda x: bench.miss(*fix(x)))
-    best = least_squares(lambda x: (bench(*fix(x)) or bench()).misses(), best.ravel(),
-                         diff_step=0.05, max_nfev=10).x  # fmt: skip
+    best = least_squares(lambda x: (bench(*fix(x)) or bench()).errors(), best.ravel(),
+                         diff_step=0.02, max_nfev=10).x  # fmt: skip
     note = f"the gains of {', '.join(joints)} are guessed in robot.yaml, and fitted here"
     findings = bench.settled("guessed gains", joints, note, [fix(best)], total=True)
     return [replace(finding, stops=False) for finding in findings]
