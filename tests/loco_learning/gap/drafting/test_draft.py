@@ -282,6 +282,7 @@ def test_the_torque_of_a_controller_is_no_torque_beside_that_of_a_drive():
         found, text = roles(torque, measured)
         assert found["tau_ref"] == "command_torque" and "q_ref" not in found
         assert "# Left out: q_ref; tau_ref is all that the motor is told?" in text
+        assert "Not used" not in text
         found, _ = roles(torque, measured, ("knee",))
         assert found["q_ref"] == "command_position" and found.get("tau_ref", "tau") == "tau"
     for measured in (None, inverse + TORQUE[0]):

@@ -113,16 +113,15 @@ def of_table(table: tables.Table, joints: Sequence[str], follows: Collection[str
     positions = {line.joint: table.columns[line.column] for line in reversed(lines)
                  if line.role == "q"}  # fmt: skip
     lines = [_by_values(line, table.columns[line.column], positions) for line in lines]
-    lines, comments = _one_command(lines, table.columns, follows)
-    head += comments
+    lines, left_out = _one_command(lines, table.columns, follows)
+    head += dict.fromkeys(left_out.values())
     candidates = {
         joint: [name for name, x in value_columns.items()
                 if not columns.get(name) and not guesses[name].role and _follows(x, q)]
         for joint, q in positions.items()
     }  # fmt: skip
     strangers = [x for x, drafted in columns.items() if not drafted and guesses[x].role]
-    text = " ".join(comments)
-    names = [name for name in [*value_columns, *table.texts] if name != time and name not in text]
+    names = [x for x in [*value_columns, *table.texts] if x != time and x not in left_out]
     return written(lines, names, joints, table.path.name, head, strangers, candidates)
 
 
@@ -287,14 +286,14 @@ def _by_values(line: Line, values: np.ndarray, positions: Mapping[str, np.ndarra
 
 def _one_command(
     lines: Sequence[Line], columns: Mapping[str, np.ndarray], follows: Collection[str]
-) -> tuple[list[Line], list[str]]:
-    """Lines without a second command of a joint, and a comment on each that is left out.
+) -> tuple[list[Line], dict[str, str]]:
+    """Lines without a second command of a joint, and a comment on each column that is left out.
 
     A log may have both the desired motion and the torque that a controller made of it. This is no
     torque beside that of a drive: either the drive is told it, or it is what the drive gave.
     """
     by_role = {(line.role, line.joint): columns[line.column] for line in reversed(lines)}
-    result, notes = list(lines), []
+    result, notes = list(lines), dict[str, str]()
     for line in lines:
         motion = [x for x in lines if x.joint == line.joint and x.role in MOTION_COMMANDS]
         if line.role != "command_torque" or not motion or not _is_total(line.joint, by_role):
@@ -304,8 +303,9 @@ def _one_command(
             result[result.index(line)] = other
         else:
             result = [x for x in result if x not in motion]
-            names = ", ".join(x.column for x in motion)
-            notes.append(f"# Left out: {names}; {line.column} is all that the motor is told?")
+            left = [x.column for x in motion]
+            text = f"# Left out: {', '.join(left)}; {line.column} is all that the motor is told?"
+            notes |= dict.fromkeys(left, text)
     return result, notes
 
 

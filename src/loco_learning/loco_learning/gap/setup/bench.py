@@ -117,17 +117,19 @@ class Bench:
         self._robots: dict[Any, Any] = {}
         self.possible = bool(self.records) and self() is not None and bool(self().joints)
         if self.possible and running.integral_limits(self.robot).any():
-            self._without_tau = self._misleads()
-            self._trials.clear()
+            self._choose_integrators()
 
-    def _misleads(self) -> bool:
-        """Whether the model fits better with integrators that do not begin by measured torques.
+    def _choose_integrators(self) -> None:
+        """Begin integrators by measured torques only if the model does not fit better without.
 
         A current whose torque constant is not known would make another unit of the motion likely.
         """
-        before, self._without_tau = self().miss(), True
-        self._trials.clear()
-        return self.miss() < before
+        if not any(record.has("tau") for record in self.records):
+            return
+        by_torques, trials = self.miss(), self._trials
+        self._without_tau, self._trials = True, {}
+        if not self.miss() < by_torques:
+            self._without_tau, self._trials = False, trials
 
     def mended(self, changes: Iterable[Change]) -> Bench:
         """Copy with more changes of the set-up; itself if there are none."""

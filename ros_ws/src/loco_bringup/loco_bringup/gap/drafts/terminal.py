@@ -69,7 +69,7 @@ def draft(path: str | Path, joints: Sequence[str], follows: Collection[str] = ()
     Args:
         path: Bag, table, or folder of tables, of which the first is used.
         joints: Joints of the robot; empty if the robot is unknown.
-        follows: Those whose drives are known to follow positions or velocities.
+        follows: Joints whose drives are known to follow positions or velocities.
 
     Raises:
         LocoError: The recording cannot be read, or the role of no signal can be guessed.

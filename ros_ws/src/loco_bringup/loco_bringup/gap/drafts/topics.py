@@ -15,6 +15,7 @@ ROLES = {"position": "q", "velocity": "dq", "effort": "tau"}
 COMMANDS = {"position": "command_position", "velocity": "command_velocity",
             "effort": "command_torque"}  # fmt: skip
 MOTION = {"gyro": "angular_velocity", "acceleration": "linear_acceleration"}  # of an IMU
+LISTS = {"position": "positions", "velocity": "velocities", "effort": "effort"}  # of a point
 POINTS = {"reference": True, "desired": True, "feedback": False, "actual": False}
 
 
@@ -84,35 +85,29 @@ def _array(name: str, message: Any, joints: Sequence[str]) -> list[Line]:
     return [Line(f"data[{i}]", role, joint, reason, topic=name) for i, joint in enumerate(names)]
 
 
+def _elements(message: Any, point: Any, field: str) -> list[tuple[str, str]]:
+    """Path and joint of each element of a list of a trajectory point; empty if joints lack one."""
+    path, joints = LISTS[field], message.joint_names
+    is_complete = len(getattr(point, path)) == len(joints)
+    return [(f"{path}[{i}]", joint) for i, joint in enumerate(joints) if is_complete]
+
+
 def _trajectory_state(name: str, message: Any, joints: Sequence[str]) -> list[Line]:
-    lists = {"position": "positions", "velocity": "velocities"}
     return [
-        Line(
-            f"{part}.{lists[field]}[{i}]", COMMANDS[field] if command else ROLES[field], joint,
-            f"{part} of a trajectory controller", topic=name,
-        )
+        Line(f"{part}.{path}", COMMANDS[field] if command else ROLES[field], joint,
+             f"{part} of a trajectory controller", topic=name)
         for part, command in POINTS.items()
         if hasattr(message, part)
-        for field in lists
-        if len(getattr(getattr(message, part), lists[field])) == len(message.joint_names)
-        for i, joint in enumerate(message.joint_names)
+        for field in ("position", "velocity")
+        for path, joint in _elements(message, getattr(message, part), field)
     ]  # fmt: skip
 
 
 def _trajectory(name: str, message: Any, joints: Sequence[str]) -> list[Line]:
-    point, lists = message.points[0], {"position": "positions", "velocity": "velocities",
-                                       "effort": "effort"}  # fmt: skip
     return [
-        Line(
-            f"points[0].{lists[field]}[{i}]",
-            role,
-            joint,
-            "JointTrajectory of one point",
-            topic=name,
-        )
+        Line(f"points[0].{path}", role, joint, "JointTrajectory of one point", topic=name)
         for field, role in COMMANDS.items()
-        if len(getattr(point, lists[field])) == len(message.joint_names)
-        for i, joint in enumerate(message.joint_names)
+        for path, joint in _elements(message, message.points[0], field)
     ]
 
 
