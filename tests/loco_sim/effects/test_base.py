@@ -27,6 +27,7 @@ STRONG = {
     "cable_force": {"stiffness": 500.0, "length": 0.5},
     "com_offset": {"offset": (0.1, 0.05, 0.0)},
     "command_delay": {"delay": 0.012},
+    "command_rate_limit": {"slowness": 20.0},
     "command_dropout": {"probability": 0.5},
     "constant_force": {"force": (0.0, 100.0, 0.0)},
     "coulomb_friction": {"torque": 5.0},

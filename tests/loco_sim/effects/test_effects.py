@@ -50,6 +50,33 @@ def test_a_late_command_is_the_command_of_before(plant, commands):
     np.testing.assert_array_equal(a.q, b.q)
 
 
+def test_a_limited_setpoint_is_a_ramp_to_each_step_however_it_is_computed(plant):
+    """A step of s rad takes s / speed; a ramp that is slower is followed as it is."""
+    wanted = np.concatenate([np.zeros(3), np.full(30, 0.2), 0.2 + 0.004 * np.arange(20)])
+    speed, made = 0.01 / 0.001, effects.make("command_rate_limit", slowness=0.1)
+    sim = plant([made])
+    n, made._dt = len(sim.robot.joints), 0.001
+    made.reset(None)
+    targets = np.zeros((len(wanted), 4, n))
+    targets[:, 0], targets[:, 1] = wanted[:, None], 99.0
+    steps, which = made.on_sequence(targets, np.arange(len(wanted)))
+    one = [made.on_command(row[0], row[1], 0.0) for row in targets]
+    np.testing.assert_array_equal(steps[which][:, :2], np.array(one))
+    np.testing.assert_allclose(np.diff(steps[2:22, 0, 0]), 0.01, atol=1e-12)
+    np.testing.assert_array_equal(steps[23:, 0, 0], wanted[23:])
+    assert np.all(steps[:, 1] == speed)
+
+
+def test_a_drive_whose_setpoint_is_limited_is_one_with_the_effect(plant, commands):
+    speed = {"drives.*_hfe_joint.setpoint_speed": 0.8}
+    listed = {"name": "command_rate_limit", "slowness": 1.25, "joint": "*_hfe_joint"}
+    own, other = plant(overrides=speed), plant(effects.from_list([listed]))
+    own.reset(), other.reset()
+    for k in range(10):
+        a, b = own.step(*commands(k)), other.step(*commands(k))
+    np.testing.assert_array_equal(a.q, b.q)
+
+
 def test_one_sensor_is_late_and_the_others_are_not(plant, commands):
     latency = {"name": "sensor_latency", "delay": 0.008}
     sims = [plant(effects.from_list(e)) for e in ([], [latency], [{**latency, "channel": "q"}])]

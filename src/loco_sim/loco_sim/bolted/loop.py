@@ -22,8 +22,6 @@ from loco_control.exceptions import ParameterError
 from ..drives.actuators import Actuators
 from ..drives.stability import substeps
 from ..effects.base import ON_TORQUES, Effect, overrides, span, streams
-from ..effects.catalogue.actuator import JointOffset
-from ..effects.catalogue.delay import CommandDelay
 from ..effects.catalogue.friction import inherent
 from ..effects.chain import Chain
 from ..effects.pulls import laid_out
@@ -252,15 +250,11 @@ class Bolted:
         """
         changes, end = [], len(which)
         for first, last, change in commanding(self._effects, self.physics_dt):
-            effect, throughout = change.__self__, first <= 0 and last >= end
-            if changes or not throughout or not isinstance(effect, (CommandDelay, JointOffset)):
+            on_sequence = getattr(change.__self__, "on_sequence", None)
+            if changes or not on_sequence or first > 0 or last < end:
                 changes.append((first, last, change))
-            elif isinstance(effect, JointOffset):
-                targets = targets.copy()
-                targets[:, 0, effect.joints] += effect.offset
             else:
-                late = min(effect.steps, end)
-                which = np.concatenate([np.full(late, which[0]), which[: end - late]])
+                targets, which = on_sequence(targets, which)
         if not changes:
             return targets, which
         motions = [(target[0], target[1]) for target in targets]

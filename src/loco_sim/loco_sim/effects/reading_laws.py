@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Compiled arithmetic of the effects on sensors: each changes a vector of readings in place."""
+"""Compiled arithmetic of the effects on sensors and commands: each changes values in place."""
 
 from __future__ import annotations
 
-from math import floor, sqrt
+from math import copysign, floor, sqrt
 
 import numpy as np
 from numba import njit
@@ -123,3 +123,24 @@ def followed(values, share):
         at += share * (values[i] - at)
         filtered[i] = at
     return filtered
+
+
+@njit(cache=True)
+def slew(targets, joints, speed, dt):
+    """Limit the rate of desired positions from row to row, and desired velocities.
+
+    Args:
+        targets: Desired positions, desired velocities and more of each physics step, (T, m, n).
+        joints: Indices of the joints, (k,).
+        speed: Largest rate [rad/s].
+        dt: Physics step [s].
+    """
+    step = speed * dt
+    for row in range(len(targets)):
+        for k in range(len(joints)):
+            j = joints[k]
+            if row > 0:
+                change = targets[row, 0, j] - targets[row - 1, 0, j]
+                if abs(change) > step:
+                    targets[row, 0, j] = targets[row - 1, 0, j] + copysign(step, change)
+            targets[row, 1, j] = min(max(targets[row, 1, j], -speed), speed)

@@ -169,6 +169,8 @@ def _joint(robot: Robot, world: World, name: str, gear: str, lost: list[str]) ->
     drive, spring = robot.drives.get(name), robot.springs.get(name)
     if drive is not None and drive.sampled:
         lost.append(f"{name}: what its drive asks for is {drive.torque} for {drive.period:g} s")
+    if speed := getattr(drive, "setpoint_speed", 0.0):
+        lost.append(f"{name}: its setpoint moves at {speed:g} rad/s at most")
     if isinstance(drive, ServoParams):
         slope = drive.stall_torque / drive.no_load_speed
         joint = replace(joint, kind=SERVO, kp=drive.kp * drive.stall_torque, kd=slope,

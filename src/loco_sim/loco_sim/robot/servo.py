@@ -96,6 +96,9 @@ class ServoParams(Sampled):
     gear_damping: float = parameter(
         0.05, "damping of gear and horn, used with a rotor", "N·m·s/rad", low=0.0
     )
+    setpoint_speed: float = parameter(
+        0.0, "largest speed of the setpoint (velocity profile); 0 is no limit", "rad/s", low=0.0
+    )
 
     def row(self, effort: float) -> tuple[float, ...]:
         """Parameter row for the kernels, (COLUMNS,)."""
@@ -137,6 +140,9 @@ class ImpedanceDrive(Sampled):
     )
     speed_feed: float = parameter(
         1.0, "share of the commanded velocity that is asked for", "-", low=0.0, high=10.0
+    )
+    setpoint_speed: float = parameter(
+        0.0, "largest speed of the setpoint (velocity profile); 0 is no limit", "rad/s", low=0.0
     )
 
     def row(self, effort: float) -> tuple[float, ...]:

@@ -240,3 +240,16 @@ def test_a_push_that_one_channel_of_many_feels_is_found_by_that_channel():
 
 def test_intervals_that_differ_little_are_one():
     assert distinct([(1.0, 2.0), (1.1, 2.1), (1.0, 1.4)]) == ((1.0, 2.0), (1.0, 1.4))
+
+
+def test_a_limited_rate_is_tried_from_the_speed_at_which_the_joint_was_seen_to_move():
+    made = robot.load("hyq_leg")
+    fast = np.array([0.5, 2.0, np.nan])
+    hints = Motion(np.full(3, -0.5), np.full(3, 0.5), fast=fast)
+    rates = [h for h in offer(made, SIGNALS, hints) if h.effect == "command_rate_limit"]
+    sizes = {h.place: h.term(h.starts()[0]).params["slowness"] for h in rates}
+    joints = made.joints
+    assert [1.0 / sizes[j] for j in joints[:2]] == pytest.approx(fast[:2])
+    assert sizes[joints[2]] == effects.EFFECTS["command_rate_limit"].identity.priors[
+        "slowness"
+    ].typical  # fmt: skip

@@ -183,4 +183,5 @@ FINGERPRINTS: dict[str, Fingerprint] = {
     "constant_force": swing({"force": (0.3, 0.0, 0.0), "point": (0.0, 0.0, -0.4)}, begin=0.0),
     "push": swing({"force": (0.3, 0.0, 0.0), "random": 0.5, "point": (0.0, 0.0, -0.4)}, begin=0.0),
     "command_dropout": moved({"probability": 0.8}, q=ramp(0.1)),
+    "command_rate_limit": moved({"slowness": 5.0}),
 }

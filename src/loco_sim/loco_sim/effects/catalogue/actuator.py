@@ -317,6 +317,12 @@ class JointOffset(Measuring, JointEffect, name="joint_offset"):
             self._offset_q[self.joints] += self.offset
         return self._offset_q, dq
 
+    def on_sequence(self, targets: np.ndarray, which: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """`on_command` for a whole run: commands, (k, 4, n), and their index at each step."""
+        targets = targets.copy()
+        targets[:, 0, self.joints] += self.offset
+        return targets, which
+
     def measure(self, values: np.ndarray, at: Layout, t: float) -> None:
         if values.ndim == 1:
             reading_laws.add_at(values, self.joints, 0, self._offsets, -1.0)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Pure delays of the motion command to the drives, and of the torque."""
+"""Delays of the command to the drives and of the torque, and limited rates of the command."""
 
 from __future__ import annotations
 
@@ -12,10 +12,15 @@ import numpy as np
 
 from loco_control.params import parameter
 
+from ... import lazy
 from .. import rows
 from ..base import Effect
-from ..chain import DriveEffect
+from ..chain import DriveEffect, JointEffect
 from ..identity import Identity, LookAlike, Prior
+from ..offers import Motion, Offer, strength
+from ..places import members
+
+reading_laws = lazy.module("loco_sim.effects.reading_laws")
 
 
 def delayed(pending: deque, value: Any, steps: int) -> Any:
@@ -70,6 +75,75 @@ class CommandDelay(Effect, name="command_delay"):
 
     def on_command(self, q: np.ndarray, dq: np.ndarray, t: float) -> tuple:
         return delayed(self._pending, (q, dq), self.steps)
+
+    def on_sequence(self, targets: np.ndarray, which: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """`on_command` for a whole run: commands, (k, 4, n), and their index at each step."""
+        late = min(self.steps, len(which))
+        return targets, np.concatenate([np.full(late, which[0]), which[: len(which) - late]])
+
+
+@dataclass
+class CommandRateLimit(JointEffect, name="command_rate_limit"):
+    """The desired position follows the command at a limited speed, as by a velocity profile.
+
+    Desired velocities are clipped to that speed. At its start, the current command is reached.
+    """
+
+    slowness: float = parameter(0.0, "one over the largest speed", "s/rad", low=0.0, high=1e4)
+    among, needs = "driven", ("follower",)
+
+    identity = Identity(
+        site="outside",
+        kind="rate limit",
+        equation="slowness |dq_d/dt| <= 1",
+        priors={"slowness": Prior(0.05, 0.5, 5.0)},
+        source="Biagiotti, Melchiorri 2008, Trajectory planning for automatic machines and robots, "
+        "Springer, chapter 4 (online filters of set-points)",
+        look_alikes=(
+            LookAlike("viscous_friction", "small steps: their first part is as fast as before"),
+            LookAlike("actuator_lag", "steps of two sizes: a limited rate takes twice as long"),
+            LookAlike("command_delay", "slow ramp: a limited rate is not late"),
+            LookAlike("torque_speed_line", "push the joint by hand: its drive is as strong"),
+        ),
+        touches=("command",),
+        passive=False,
+        smooth=False,
+    )
+
+    @classmethod
+    def offers(cls, robot: Any, signals: Sequence[str], motion: Motion) -> list[Offer]:
+        """At each joint, from a limit on that is as fast as the joint was measured to be."""
+        fast = dict(zip(robot.joints, motion.fast, strict=False))
+        offers = []
+        for place in cls.places(robot):
+            speed = max((float(fast.get(j, np.nan)) for j in members(robot, place)), default=np.nan)
+            size = 1.0 / speed if speed > 0.0 else cls.identity.priors["slowness"].typical
+            offers.append(Offer(place, (("joint", place),), (strength(cls, "slowness", size),)))
+        return offers
+
+    def constants(self, world: Any, joints: np.ndarray) -> Sequence[Any]:
+        return ()
+
+    def reset(self, rng: np.random.Generator) -> None:
+        self._sent = self._received = None
+
+    def on_command(self, q: np.ndarray, dq: np.ndarray, t: float) -> tuple:
+        if self._received is None:
+            self._received = q, dq
+        if q is not self._sent or np.any(self._received[0] != q):
+            self._sent, change = q, np.array([[self._received[0], dq], [q, dq]])
+            reading_laws.slew(change, self.joints, 1.0 / self.slowness, self._dt)
+            self._received = change[1, 0], change[1, 1]
+        return self._received
+
+    def on_sequence(self, targets: np.ndarray, which: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """`on_command` for a whole run: commands, (k, 4, n), and their index at each step."""
+        steps = targets[which]
+        reading_laws.slew(steps, self.joints, 1.0 / self.slowness, self._dt)
+        return steps, np.arange(len(steps))
+
+    def amount(self) -> str:
+        return f"the limit is {1.0 / self.slowness:.3g} rad/s" if self.slowness else ""
 
 
 @dataclass

@@ -16,10 +16,11 @@ import numpy as np
 from loco_control.params import parameter
 
 from .. import rows
-from ..chain import BrakeEffect, TorqueEffect
+from ..chain import BrakeEffect, JointEffect, TorqueEffect
 from ..identity import Identity, LookAlike, Prior
 from ..offers import Motion, Offer, at_most
 from ..places import eligible, outward
+from .delay import CommandRateLimit
 
 _TOUCHES = ("brake",)
 
@@ -65,9 +66,11 @@ class OwnFriction(CoulombFriction):
         return (np.array(values),)
 
 
-def inherent(robot: Any) -> list[OwnFriction]:
-    """The dry friction of a robot itself, as at most one effect."""
-    return [OwnFriction(torque=1.0)] if robot.joint_friction else []
+def inherent(robot: Any) -> list[JointEffect]:
+    """Effects that a robot itself has: limited set-points of its drives, and its dry friction."""
+    speeds = {j: getattr(drive, "setpoint_speed", 0.0) for j, drive in robot.drives.items()}
+    limits = [CommandRateLimit(joint=j, slowness=1.0 / v) for j, v in speeds.items() if v > 0.0]
+    return limits + [OwnFriction(torque=1.0)] * bool(robot.joint_friction)
 
 
 @dataclass
