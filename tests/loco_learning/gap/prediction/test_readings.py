@@ -6,6 +6,7 @@ import math
 import numpy as np
 import pytest
 import yaml
+from scipy.interpolate import CubicSpline
 
 from loco_learning.gap.importing import importing
 from loco_learning.gap.prediction import case as cases
@@ -59,11 +60,12 @@ def swing(seed, read="mean", period=1e-4, friction=0.0, late=0.0, kd=KD):
 def rod(tmp_path):
     """Function that makes a case of three records, every so many rows of each, as files."""
 
-    def make(every=1, roles=("q", "tau"), **about):
+    def make(every=1, roles=("q", "tau"), jitter=0.0, **about):
         drive = {"hinge": {"kind": "impedance", "kp": KP, "kd": about.get("kd", KD)}}
         robot = {"urdf": "rod.urdf", "fixed_base": True, "height": 1.0, "joints": ["hinge"],
                  "control_rate": RATE, "drives": drive}  # fmt: skip
-        columns = [{"column": r, "role": r, "joint": "hinge"} for r in roles]
+        clock = {"time": "read"} if jitter else {}
+        columns = [{"column": r, "role": r, "joint": "hinge", **clock} for r in roles]
         columns.append({"column": "cmd", "role": "command_position", "joint": "hinge"})
         rules = {"files": "*.csv", "time": {"column": "t"}, "columns": columns}
         (tmp_path / "rod.urdf").write_text(URDF)
@@ -71,8 +73,13 @@ def rod(tmp_path):
         (tmp_path / "mapping.yaml").write_text(yaml.safe_dump(rules))
         for seed in (1, 2, 3):
             rows = swing(seed, **about)[::every]
-            path = tmp_path / f"run{seed}.csv"
-            np.savetxt(path, rows, "%.7g", ",", header="t,q,tau,cmd", comments="")
+            path, rng = tmp_path / f"run{seed}.csv", np.random.default_rng(seed)
+            t, when = rows[:, 0], rows[:, 0] + jitter / RATE * rng.normal(size=len(rows))
+            if jitter:  # read at uneven times, and stamped when it arrives
+                rows[:, 1] = CubicSpline(t, rows[:, 1])(when)
+            stamps = np.maximum.accumulate(when + rng.uniform(0.0, 1.2 / RATE, len(t)))
+            rows = np.column_stack([rows, stamps])
+            np.savetxt(path, rows, "%.7g", ",", header="t,q,tau,cmd,read", comments="")
         model = Model(str(tmp_path))
         known = mapping.load(tmp_path / "mapping.yaml")
         records = importing.load(tmp_path, model.make_robot(), known)
@@ -97,6 +104,17 @@ def test_torques_of_an_instant_are_told_where_the_model_makes_one_step_a_row(rod
     fine, coarse = (f.reading_times([], {}, 1e-3)[0][:, 1, 2:] for f in (forward, once))
     assert np.abs(fine).max() > 0.05
     np.testing.assert_allclose(coarse, fine, atol=0.2 * np.abs(fine).max())
+
+
+def test_readings_at_uneven_times_that_are_stamped_late_are_no_gap(rod):
+    """No clock is in such stamps: the even one below them is early, and each reading is beside it.
+
+    The right model left five noise floors, and its delay of a millisecond was named.
+    """
+    case = rod(roles=("q",), jitter=0.1)
+    assert case.times == pytest.approx([0.1 / RATE] * 3, rel=0.2)
+    assert not has_gap(case.whitened([]))
+    assert has_gap(case.whitened([{"name": "armature", "inertia": 0.005}]))
 
 
 def test_a_drive_that_samples_takes_damping_away_and_that_is_no_gap(rod):

@@ -89,7 +89,10 @@ def record(
     if not trust_units:
         single = [track for track in tracks if not cuts.cut_rows([track])]
         series.single(name, [observe.unwrapped(track, robot, []) for track in single])
-    tracks = steady.steadied(checks.measured(name, tracks, messages), messages)
+    stamped = checks.measured(name, tracks, messages)
+    tracks = steady.steadied(stamped, messages)
+    delays = [np.ptp(old.t - new.t) for old, new in zip(stamped, tracks, strict=True)
+              if new.role == "q"]  # fmt: skip
     tracks = [_ordered(name, track, messages) for track in tracks]
     wrapped = tracks
     tracks = [observe.unwrapped(track, robot, messages) for track in wrapped]
@@ -109,7 +112,7 @@ def record(
         data |= slow.commands(sparse, axis, robot, data)
         messages.append(slow.note(sparse, own_rate, robot))
     data |= {"resolution": observe.steps(tracks), "stamps": observe.stamps(tracks),
-             "trusted": trust_units, **known}  # fmt: skip
+             "late": float(max(delays)), "trusted": trust_units, **known}  # fmt: skip
     messages += observe.notes(tracks, rate, CUTS.silence) + observe.above_limits(tracks, robot)
     result = Record(name, axis - axis[0], **data)
     if result.simulated > FINE_STEP:

@@ -55,6 +55,7 @@ class Case:
         runs: Cached predictions of the initial model, (T, C) each, by step.
         loose: Uncertain values, refitted with every model; None if the robot declares none.
         lines: Cached linearisation about the last model with effects, by these effects.
+        times: Standard deviation of the times of readings about their clock [s], by record.
     """
 
     forward: Any
@@ -72,6 +73,7 @@ class Case:
     runs: dict[float, list[np.ndarray]] = field(default_factory=dict, compare=False, repr=False)
     loose: Loose | None = None
     lines: dict[str, Loose] = field(default_factory=dict, compare=False, repr=False)
+    times: Sequence[float] = ()
 
     @property
     def fitted(self) -> list[int]:
@@ -547,9 +549,15 @@ def prepare(
     pooled = errors.pooled(numeric, forward.measured)
     floor = noise.total(sensors, pooled)
     limit_cycles = horizon.timing(forward) if ground else errors.limit_cycle_errors(forward, fine)
-    local = zip(numeric, limit_cycles, strict=True)
-    floors = [np.hypot(noise.total(sensors, np.maximum(n, REST * pooled)), h) for n, h in local]
+    times = errors.times(forward)
+    mistimed = errors.mistimed(forward, times)
+    local = zip(numeric, map(np.hypot, limit_cycles, mistimed), strict=True)
+    sensor_noise = noise.without(sensors, mistimed, forward.measured)
+    floors = [
+        np.hypot(noise.total(sensor_noise, np.maximum(n, REST * pooled)), h) for n, h in local
+    ]
     case = Case(forward, both, fit_rows, held_rows, floor, floors, fine, correction, ground=ground)
+    case.times = times
     robot = forward.given()
     uncertain = robot.uncertain if refitted else {}
     is_cheap = refitted and (ground or errors.compiled(forward)) and forward.fine_steps

@@ -14,14 +14,21 @@ from loco_sim.bolted.loop import needs_engine
 from loco_sim.effects import from_list
 from loco_sim.params import SimParams
 
-from ..recordings.record import Record
+from ..recordings.record import Record, spacing
+from ..statistics.jitter import jitter, rate
 from . import horizon, running
 
 _, FASTEST = limits(SimParams, "physics_rate")
 FINE = 0.25  # ratio of the physics step to the model's if no engine is needed
 ABOUT = 0.05  # uncertainty of the time at which an error occurs [s]
 PHASE = 0.05  # shift of a drive's quantisation [steps]
-SPEEDS = -40.0, -20.0, 0.0, 20.0, 40.0  # initial speeds, to average over phases of a limit cycle [steps/s]
+SPEEDS = (
+    -40.0,
+    -20.0,
+    0.0,
+    20.0,
+    40.0,
+)  # initial speeds, to average over phases of a limit cycle [steps/s]
 
 
 def stepped(forward: Any, correction: Sequence[np.ndarray]) -> list[np.ndarray]:
@@ -56,6 +63,47 @@ def undersampled(forward: Any) -> list[np.ndarray]:
         return [np.zeros(m.shape) for m in forward.measured]
     pairs = zip(forward.recommanded()(), forward(), strict=True)
     return _rms([np.nan_to_num(a - b) for a, b in pairs], forward.records)
+
+
+def times(forward: Any) -> list[float]:
+    """Standard deviation of the times of readings with uneven stamps [s], by record.
+
+    Stamps that are late by any part of a period do not show when readings were made that are
+    themselves uneven: on an even clock these are off by their own jitter, at their stamps by the
+    delay. The records of one kind, put back or not, share it.
+    """
+    deviations = [0.0] * len(forward.records)
+    for put_back in (True, False):
+        limits, readings = {}, []
+        for i, record in enumerate(forward.records):
+            late = record.late or 2.0 * float(np.max(np.abs(record.moved.get("q", 0.0))))
+            q = record.joints_of(forward.robot(i), "q")
+            rows = np.flatnonzero(np.isfinite(q).any(axis=1))
+            if late and bool(record.late) is put_back and len(rows) > 1:
+                limits[i], every = late, spacing(rows)
+                readings.append((q[rows[0] :: every], every * record.dt))
+        deviation = jitter(readings)
+        for i, late in limits.items():
+            deviations[i] = min(deviation, late)
+    return deviations
+
+
+def mistimed(forward: Any, deviations: Sequence[float]) -> list[np.ndarray]:
+    """Error of readings by the deviations of their times [s], (T, C) each."""
+    errors = []
+    for values, record, deviation in zip(
+        forward.measured, forward.records, deviations, strict=True
+    ):
+        error = np.zeros(values.shape)
+        for c, column in enumerate(values.T if deviation else ()):
+            rows = np.flatnonzero(np.isfinite(column))
+            every = spacing(rows) if len(rows) > 1 else 1
+            rows_read = slice(rows[0] if len(rows) else 0, None, every)
+            error[rows_read, c] = np.nan_to_num(
+                deviation * rate(column[rows_read], every * record.dt)
+            )
+        errors.append(error)
+    return errors
 
 
 def limit_cycle_errors(forward: Any, step: float) -> list[np.ndarray]:

@@ -271,11 +271,16 @@ class Forward:
         return times
 
     def reading_times(
-        self, effects: Sequence[Mapping[str, Any]], overrides: Mapping[str, Any], delay: float
+        self,
+        effects: Sequence[Mapping[str, Any]],
+        overrides: Mapping[str, Any],
+        delay: float,
+        delays: Sequence[float] = (),
     ) -> list[np.ndarray]:
         """Changes of predictions by the times of readings and drives, (T, C, 4) per record.
 
-        By readings that are late by `delay` [s], by drives that act later by it, and, unless a
+        By readings that are late by `delay` [s], or by their own `delays` of each record, by
+        drives that act later by `delay`, and, unless a
         simulation of loco was recorded, by torques of an instant, before and after the command of
         their row (`running.instants`).
         """
@@ -287,7 +292,8 @@ class Forward:
         for i, predicted in enumerate(self(effects, overrides)):
             record, robot = self.records[i], self._robot(i, values, 1.0)
             change = np.zeros((*predicted.shape, 4))
-            change[..., 0] = shifted(predicted, delay / record.dt) - predicted
+            late = delays[i] if delays else delay
+            change[..., 0] = shifted(predicted, late / record.dt) - predicted
             change[..., 1] = (later[i] - predicted) * delay / step
             if not record.simulated:
                 chain, dt = from_list([*self.model.effects, *specs]), running.period(record)

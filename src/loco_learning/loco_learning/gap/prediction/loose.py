@@ -466,7 +466,12 @@ def _about(
 
 
 def _timed(case: Any, specs: Sequence[Mapping[str, Any]], loose: Loose) -> Iterator[np.ndarray]:
-    """Sensitivities to four deviations of the times of readings and drives, (T, C, 4) each."""
-    changes = case.forward.reading_times(specs, loose.values(loose.at), CLOCK)
+    """Sensitivities to four deviations of the times of readings and drives, (T, C, 4) each.
+
+    Stamps whose delays have a deviation are late by an unknown time: of delays from 0 to any size
+    the mean is sqrt(3) deviations, and an even clock below them is as early.
+    """
+    delays = [math.hypot(CLOCK, math.sqrt(3.0) * deviation) for deviation in case.times]
+    changes = case.forward.reading_times(specs, loose.values(loose.at), CLOCK, delays)
     for change, m, f in zip(changes, case.forward.measured, case.floors, strict=True):
         yield np.where(np.isfinite(m)[..., None], -change / f[..., None], 0.0)

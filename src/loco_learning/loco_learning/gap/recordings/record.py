@@ -66,6 +66,7 @@ class Record:
             initial states, but are not compared.
         moved: Per joint signal the time by which its readings were moved from their time stamps to
             `t` [s], as `signals`; left out if none was.
+        late: Largest time by which stamps of positions were put back to an even clock [s].
         trusted: Whether the user has confirmed all units.
     """
 
@@ -91,6 +92,7 @@ class Record:
     unsure: dict[str, np.ndarray] = field(default_factory=dict)
     guessed: dict[str, np.ndarray] = field(default_factory=dict)
     moved: dict[str, np.ndarray] = field(default_factory=dict)
+    late: float = 0.0
     trusted: bool = False
 
     def __post_init__(self) -> None:

@@ -24,6 +24,9 @@ SEED = 7_290_418_553  # seed of dither; simulated noise has small seeds, so both
 DITHERS = 16  # draws of dither on each record: a single one doubles the spread of the estimate
 TO_DEVIATION = 1.4826  # standard deviation of a normal law over its median absolute value
 RELATIVE = 1e-4  # smallest floor, over the channel's own standard deviation
+MIN_SHARE = (
+    0.5  # smallest share of a floor that is left without other errors of the readings (taste)
+)
 EFFORT = 0.02  # the same for a torque: on robots it is an estimate from current or pressure
 BUSIEST_SHARE = 1e-3  # smallest floor of a torque, over the largest deviation of any torque
 
@@ -111,6 +114,24 @@ def _dithered(column: np.ndarray, step: float) -> np.ndarray:
     # The same draws for each record: the estimate does not depend on the order of records.
     dither = np.random.default_rng(SEED).uniform(-0.5, 0.5, (len(column), DITHERS))
     return column[:, None] + step * dither
+
+
+def without(
+    sensors: np.ndarray, errors: Sequence[np.ndarray], measured: Sequence[np.ndarray]
+) -> np.ndarray:
+    """Floors of the sensors alone, (C,), where medians of differences contain other white errors.
+
+    Args:
+        sensors: Floors as estimated from the readings, (C,).
+        errors: Standard deviation of the other errors of each reading, (T, C) per record.
+        measured: The readings, (T, C) per record; NaN where nothing was measured.
+    """
+    pairs = zip(errors, measured, strict=True)
+    every = np.concatenate([np.where(np.isfinite(m), np.square(e), np.nan) for e, m in pairs])
+    is_measured = np.isfinite(every).any(axis=0)
+    typical = np.zeros(len(sensors))
+    typical[is_measured] = np.nanmedian(every[:, is_measured], axis=0)
+    return np.sqrt(np.maximum(np.square(sensors) - typical, np.square(MIN_SHARE * sensors)))
 
 
 def total(noise: np.ndarray, numeric: np.ndarray | float = 0.0) -> np.ndarray:
