@@ -101,6 +101,7 @@ def contents(
                 *reading,
                 *horizon.messages(case.forward),
                 *rounding.notes(case.records, case.forward.robot()),
+                *scale.currents(after.loose),
             ],
             "pieces": case.forward.params.ground,
             "not_tried": [{"effect": name, "reason": reason} for name, reason in not_tried],

@@ -10,10 +10,12 @@ from scipy.interpolate import CubicSpline
 
 from loco_learning.gap.importing import importing
 from loco_learning.gap.prediction import case as cases
+from loco_learning.gap.prediction import nominal
 from loco_learning.gap.prediction.forward import Forward
 from loco_learning.gap.recordings import mapping
 from loco_learning.gap.statistics import evidence
 from loco_learning.gap.statistics.leftover import has_gap
+from loco_learning.gap.verdict import scale
 from loco_sim.plant.model import Model
 
 MASS, CENTRE, INERTIA, KP, KD, GRAVITY = 0.8, 0.2, 0.008, 12.0, 0.4, 9.81
@@ -60,12 +62,14 @@ def swing(seed, read="mean", period=1e-4, friction=0.0, late=0.0, kd=KD):
 def rod(tmp_path):
     """Function that makes a case of three records, every so many rows of each, as files."""
 
-    def make(every=1, roles=("q", "tau"), jitter=0.0, **about):
+    def make(every=1, roles=("q", "tau"), jitter=0.0, constant=0.0, **about):
         drive = {"hinge": {"kind": "impedance", "kp": KP, "kd": about.get("kd", KD)}}
         robot = {"urdf": "rod.urdf", "fixed_base": True, "height": 1.0, "joints": ["hinge"],
                  "control_rate": RATE, "drives": drive}  # fmt: skip
         clock = {"time": "read"} if jitter else {}
         columns = [{"column": r, "role": r, "joint": "hinge", **clock} for r in roles]
+        if constant:
+            columns[1] |= {"unit": "A", "scale": 1.0}
         columns.append({"column": "cmd", "role": "command_position", "joint": "hinge"})
         rules = {"files": "*.csv", "time": {"column": "t"}, "columns": columns}
         (tmp_path / "rod.urdf").write_text(URDF)
@@ -73,6 +77,7 @@ def rod(tmp_path):
         (tmp_path / "mapping.yaml").write_text(yaml.safe_dump(rules))
         for seed in (1, 2, 3):
             rows = swing(seed, **about)[::every]
+            rows[:, 2] /= constant or 1.0
             path, rng = tmp_path / f"run{seed}.csv", np.random.default_rng(seed)
             t, when = rows[:, 0], rows[:, 0] + jitter / RATE * rng.normal(size=len(rows))
             if jitter:  # read at uneven times, and stamped when it arrives
@@ -115,6 +120,18 @@ def test_readings_at_uneven_times_that_are_stamped_late_are_no_gap(rod):
     assert case.times == pytest.approx([0.1 / RATE] * 3, rel=0.2)
     assert not has_gap(case.whitened([]))
     assert has_gap(case.whitened([{"name": "armature", "inertia": 0.005}]))
+
+
+@pytest.mark.parametrize("constant", [0.6, 1.0, 1.5])
+def test_a_current_without_its_torque_constant_is_as_good_as_its_curve(rod, constant):
+    case = rod(constant=constant)
+    left, values, *_ = case.suited([], {})
+    assert not has_gap(left)
+    assert 1.0 + values["torque_reading.hinge"] == pytest.approx(constant, rel=0.03)
+    load = [{"name": "payload", "link": "rod", "mass": 0.2, "position": [0.0, 0.0, -0.3]}]
+    assert has_gap(case.suited(load, {})[0]), "the constant hides a mass"
+    assert "torque_reading.hinge" not in nominal.written(case.forward.given(), values)
+    assert scale.currents(values) and not scale.currents({})
 
 
 def test_a_drive_that_samples_takes_damping_away_and_that_is_no_gap(rod):

@@ -149,6 +149,7 @@ def records(
             trust_units=mapping.trust_units,
             mend=mapping.mend,
             judge=judge,
+            unscaled=tuple(c.place for c in tracks.of_joints(mapping, robot) if tracks.unscaled(c)),
         )
         parts = first.rested(-rule.rest), *later  # after a cut, the robot was not at rest
         result += [replace(part, stepped=mapping.physics_step) for part in parts]

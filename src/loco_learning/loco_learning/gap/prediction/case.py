@@ -308,7 +308,7 @@ class Case:
 
         def predict(at: np.ndarray) -> tuple[list[np.ndarray], list[np.ndarray]]:
             shifted, starts = self.at(at).loose, linear.unmoved(only)[1:]
-            moved = linear.left(ref, only, [at, *starts])
+            moved = linear.moved(ref, only, [at, *starts])
             best = shifted.best(moved, only)
             return shifted.left(moved, only, best), best
 
@@ -347,9 +347,10 @@ class Case:
         step = 1.0 if coarse else self.step_of(specs)
         predicted = self.predicted(specs, overrides or {}, only, step)
         step_error = self.correction[step]
+        scales = 1.0 + nominal.reading_scales(overrides or {}, self.forward.channels).sum(axis=0)
         residuals = []
         for i, p in zip(only, predicted, strict=True):
-            measured = [self.forward.measured[i]]
+            measured = [self.forward.measured[i] * scales]
             residuals += evidence.whiten(measured, [p + step_error[i]], self.floors[i])
         return residuals
 
@@ -563,6 +564,7 @@ def prepare(
     is_cheap = refitted and (ground or errors.compiled(forward)) and forward.fine_steps
     overridden = {name for record in both for name in record.overrides}
     unsaid = nominal.priors(robot, {*uncertain, *free_names, *overridden}) if is_cheap else []
+    unsaid += _readings(forward, both) if refitted else []
     case.loose = loose.prepare(case, uncertain, robot, not forward.fine_steps, unsaid)
     if case.loose and case.loose.at.any() and not ground:
         case.correction = errors.step_error(forward, fine, case._about({}))[0]
@@ -570,6 +572,13 @@ def prepare(
     before = case.vector([])
     case.cap = CAP * max(float(np.max(np.abs(before), initial=0.0)), 10.0)
     return case
+
+
+def _readings(forward: Any, records: Sequence[Record]) -> list[dict[str, float]]:
+    """Standard deviations of the scales of measured currents without torque constants."""
+    names = {c.name for c in forward.channels if c.signal == "tau" and forward.fine_steps}
+    joints = dict.fromkeys(j for record in records for j in record.unscaled if j in names)
+    return [{f"{nominal.READING}.{joint}": nominal.READING_ERROR} for joint in joints]
 
 
 def fit_all_rows(forward: Any, records: Sequence[Record]) -> Case:

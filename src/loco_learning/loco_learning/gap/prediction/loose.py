@@ -19,7 +19,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ..statistics import evidence
-from .nominal import legal, nominal_value
+from .nominal import legal, nominal_value, reading_scales
 from .running import WINDING
 
 PART = 0.5  # simulated change, in standard deviations; the rest is taken as linear (taste)
@@ -143,8 +143,9 @@ class Loose:
         stated: Flags of the values that robot.yaml declares uncertain and may be large, (V,).
         held: Whether values are fixed and only the initial states are refitted.
         level: Whether channels with larger residuals have less weight, as for a motion.
+        scaling: Share by which a deviation of a value scales the readings of a channel, (V, C).
         grams: Products of the columns in each channel, in used rows and at all times, (C, K, K),
-            by record.
+            and number of used values, (C,), by record.
     """
 
     names: tuple[str, ...]
@@ -161,7 +162,8 @@ class Loose:
     stated: np.ndarray
     held: bool = False
     level: bool = False
-    grams: dict[int, tuple[np.ndarray, np.ndarray]] = field(
+    scaling: np.ndarray = field(default_factory=lambda: np.zeros((0, 0)))
+    grams: dict[int, tuple[np.ndarray, np.ndarray, np.ndarray]] = field(
         default_factory=dict, compare=False, repr=False
     )
 
@@ -192,7 +194,8 @@ class Loose:
             power = self._power(terms, only, by) / count
             if np.all(power > SAME * before):
                 break
-            by, before = self._solved(terms, only, self.weight / np.maximum(power, 1.0)), power
+            by = self._solved(terms, only, self.weight / np.maximum(power, 1.0), power)
+            before = power
         return by
 
     def unmoved(self, only: Sequence[int]) -> list[np.ndarray]:
@@ -212,7 +215,7 @@ class Loose:
         if index not in self.grams:  # the measured rows are the same for every model
             used = columns.gram(valid & rows[:, None])
             total = used if rows.all() else used + columns.gram(valid & ~rows[:, None])
-            self.grams[index] = used, total
+            self.grams[index] = used, total, (valid & rows[:, None]).sum(axis=0)
         return Products(np.sum(np.square(values), axis=0), moment, every)
 
     def _power(
@@ -227,11 +230,16 @@ class Loose:
         return power
 
     def _solved(
-        self, terms: Sequence[Products], only: Sequence[int], weight: np.ndarray
+        self,
+        terms: Sequence[Products],
+        only: Sequence[int],
+        weight: np.ndarray,
+        power: np.ndarray | float = 1.0,
     ) -> list[np.ndarray]:
         """Deviations with the lowest cost: values by fitted records, then starts of all by values.
 
-        Held-out records do not determine the robot, but they begin as it does.
+        Held-out records do not determine the robot, but they begin as it does. Readings that are
+        scaled by s have noise that is scaled as well: residuals count over 1 + s, to second order.
         """
         count = len(self.at)
         parts = [
@@ -239,6 +247,12 @@ class Loose:
             for i, products in zip(only, terms, strict=True)
         ]
         fitted = [part for i, part in zip(only, parts, strict=True) if self.rows[i].any()]
+        if not self.held and self.scaling.any():
+            used = np.sum([self.grams[i][2] for i in only if self.rows[i].any()], axis=0)
+            energy = (self.scaling != 0.0) @ (weight * used * power)
+            slope = energy * self.scaling.sum(axis=1)
+            gram = np.diag(slope * self.scaling.sum(axis=1))
+            fitted.append((gram, slope - gram @ self.at))
         values, starts = self.at if self.held else self._values(fitted), []
         for gram, moment in parts:
             moment = moment[count:] - gram[count:, :count] @ (values - self.at)
@@ -282,7 +296,14 @@ class Loose:
     def left(
         self, residuals: Sequence[np.ndarray], only: Sequence[int], by: Sequence[np.ndarray]
     ) -> list[np.ndarray]:
-        """Residuals with everything at deviations `by`, (T, C) each."""
+        """Residuals with everything at deviations `by`, (T, C) each, in floors of the readings."""
+        scale = 1.0 + by[0] @ self.scaling if self.scaling.any() else 1.0
+        return [r / scale for r in self.moved(residuals, only, by)]
+
+    def moved(
+        self, residuals: Sequence[np.ndarray], only: Sequence[int], by: Sequence[np.ndarray]
+    ) -> list[np.ndarray]:
+        """As `left`, in floors of scaled readings, in which it is linear in the deviations."""
         moved = by[0] - self.at
         return [
             r + self.columns[i].by(np.concatenate([moved, start]))
@@ -397,9 +418,12 @@ def prepare(
     bounds = np.array([legal(robot, name, min_ratio) for name in names]).reshape(-1, 2)
     none, rows, width = np.zeros(len(groups)), tuple(case.fit_rows), len(case.forward.channels)
     stated = np.arange(len(groups)) < len(std)
+    scaling = np.zeros((len(groups), width))
+    np.add.at(scaling, of, reading_scales({n: s for n, s, _ in items}, case.forward.channels))
     loose = Loose(
         names, nominal, sizes, bounds, of, (), np.ones(width), rows, tuple(case.held_rows),
         np.inf if linear else RANGE, none, stated, level=not linear,
+        scaling=scaling,
     )  # fmt: skip
     for _ in range(1 if linear else TIMES):
         loose = _about(case, loose, starts)

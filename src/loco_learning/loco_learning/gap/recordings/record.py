@@ -67,6 +67,7 @@ class Record:
         moved: Per joint signal the time by which its readings were moved from their time stamps to
             `t` [s], as `signals`; left out if none was.
         late: Largest time by which stamps of positions were put back to an even clock [s].
+        unscaled: Joints whose measured torques are currents of unknown torque constant.
         trusted: Whether the user has confirmed all units.
     """
 
@@ -93,6 +94,7 @@ class Record:
     guessed: dict[str, np.ndarray] = field(default_factory=dict)
     moved: dict[str, np.ndarray] = field(default_factory=dict)
     late: float = 0.0
+    unscaled: tuple[str, ...] = ()
     trusted: bool = False
 
     def __post_init__(self) -> None:

@@ -73,6 +73,12 @@ class Source(Protocol):
         """Time stamps [s] and raw values of a column, each (K,)."""
 
 
+def unscaled(column: Column) -> bool:
+    """Whether a column is a measured current without its torque constant."""
+    current = column.role == "tau" and units.dimension(column.unit or "rad") == "current"
+    return current and abs(column.gain) == units.factor(column.unit)
+
+
 def from_source(source: Source, mapping: Mapping, rule: Rule, robot: Robot) -> list[Track]:
     """Tracks of all mapped columns within the rows and times of a rule.
 
@@ -93,10 +99,9 @@ def from_source(source: Source, mapping: Mapping, rule: Rule, robot: Robot) -> l
             t, x, missing = (part[slice(*rule.rows)] for part in (t, x, missing))
         empty = np.isnan(x) & (missing | (not column.topic))
         label = f"{column.role} of {column.place}".removesuffix(" of ")
-        if column.role == "tau" and column.unit and abs(column.gain) == units.factor(column.unit):
-            if units.dimension(column.unit) == "current":
-                source.notes.append(Doubt(f"{label} is a current at 1 N·m per A, as its scale is "
-                                          "1; its data sheet has the torque constant"))  # fmt: skip
+        if unscaled(column):
+            source.notes.append(Doubt(f"{label} is a current at 1 N·m per A, as its scale is "
+                                      "1; its data sheet has the torque constant"))  # fmt: skip
         if missing.any():
             source.notes.append(_omission_note(label, missing, column.missing))
         if not empty.all():  # otherwise the column was not measured

@@ -58,8 +58,18 @@ def model_mended(model: Model, changes: Sequence[Change]) -> Model | None:
 
 
 def noted(records: Sequence[Record], findings: Sequence[Finding]) -> list[Record]:
-    """Records with minor mistakes corrected, and a note on each of them."""
+    """Records with minor mistakes corrected, and a note on each of them.
+
+    A scale of a measured torque that was told from the recordings stays uncertain.
+    """
     changes = changes_of(findings)
     warnings = tuple(Doubt(str(finding)) for finding in findings)
-    return [replace(correct(r, changes), notes=(*r.notes, *warnings)) if warnings else r
-            for r in records]  # fmt: skip
+    scaled = [c.joint for c in changes if (c.role, c.key) == ("tau", SCALE)]
+    return [
+        replace(
+            correct(r, changes),
+            notes=(*r.notes, *warnings),
+            unscaled=tuple(dict.fromkeys([*r.unscaled, *scaled])),
+        )
+        for r in records
+    ]

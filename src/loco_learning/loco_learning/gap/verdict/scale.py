@@ -21,7 +21,7 @@ from loco_sim.robot.robot import Robot
 from ..fitting.fit import Fitted
 from ..hypotheses.hypotheses import Hypothesis
 from ..prediction.case import Case
-from ..prediction.nominal import torques
+from ..prediction.nominal import READING, torques
 from ..statistics import identify
 
 SCALE_STEP = 0.1  # finite difference of the logarithm of a scale
@@ -58,6 +58,20 @@ def scale_messages(case: Case, model: Fitted) -> list[str]:
                 "masses in robot.yaml: measure one of them."
             )
     return messages
+
+
+def currents(values: Mapping[str, Any]) -> list[str]:
+    """Sentence on fitted scales of measured currents without torque constants; empty if none."""
+    factors = [
+        f"{name.partition('.')[2]} {1.0 + error:.3g}"
+        for name, error in values.items()
+        if name.startswith(f"{READING}.")
+    ]
+    return [
+        f"the torque constants of measured currents are not known and were fitted with every model "
+        f"(over what the mapping says: {', '.join(factors)}): they are as right as the masses and "
+        "drives of the model, since all of these scale together"
+    ][: len(factors)]  # fmt: skip
 
 
 def ambiguous(case: Case, model: Fitted) -> list[dict[str, Any]]:
