@@ -33,7 +33,7 @@ def gauss_newton(case: Case, model: Fitted) -> Fitted:
         return model
     if not is_smooth(case, model):
         return model
-    case = case.corrected(model.specs, model.overrides)
+    case = case.corrected(model.specs, model.overrides).relined(model.specs)
     used = [np.isfinite(r) for r in case.masked(model.whole, range(len(model.whole)), held=False)]
     weight = np.where(identify.pack(used), identify.weights(model.score), 0.0)
 
