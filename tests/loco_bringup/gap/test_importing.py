@@ -232,6 +232,8 @@ def test_what_is_no_recording(tmp_path):
         gap_import.load(tmp_path / "none", SERVO)
     (tmp_path / "a.png").write_text("")
     refused(tmp_path / "a.png", SERVO, r"a.png is no recording: wanted are .mcap")
+    (tmp_path / "echo.yaml").write_text("position:\n- 0.1\n---\n")
+    refused(tmp_path / "echo.yaml", SERVO, "instead of `ros2 topic echo`, `ros2 bag record` writes")
     (tmp_path / "a.csv").write_text("t,q\n0,1\n")
     refused(tmp_path / "a.csv", SERVO, "needs a mapping that says what its columns are")
 

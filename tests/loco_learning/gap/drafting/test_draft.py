@@ -339,6 +339,14 @@ def test_a_command_without_a_joint_is_of_the_only_one_that_is_driven(follows, pl
     assert commands == place
 
 
+@pytest.mark.parametrize("passive", [(), ("shoulder",)])
+def test_a_joint_without_a_drive_lacks_no_command(passive):
+    columns = dict.fromkeys(("shoulder_pos", "elbow_pos", "elbow_cmd"), WAVE)
+    table = tables.Table(Path("a.csv"), {"t": T, **columns})
+    text = draft.of_table(table, ("shoulder", "elbow"), ["elbow"], passive)
+    assert ("# Missing: a command of shoulder" in text) != bool(passive)
+
+
 def test_names_of_any_kind_come_back_whole():
     name = 'knee "left": pos # 1'
     text, rules = drafted(["t", name, "yes_cmd"], ("yes", "knee"))

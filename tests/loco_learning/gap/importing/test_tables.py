@@ -313,3 +313,15 @@ def test_a_comma_in_a_number_is_a_decimal_point_unless_there_is_a_point(tmp_path
     assert table.column("t").tolist() == [0.5, 1.0] and table.column("q").tolist() == [-1.25, 0.25]
     with pytest.raises(ParameterError, match="'1,234' in row 0"):
         table.column("big")
+
+
+def test_a_table_in_latin_1_is_read_and_told(tmp_path):
+    """As written by older programs, with degrees and micrometres in the names."""
+    path = tmp_path / "log.csv"
+    path.write_bytes("t,Winkel [°],Weg [µm]\n0,1,2\n1,2,3\n2,3,5\n".encode("latin-1"))
+    table = tables.read(path)
+    assert [*table.columns] == ["t", "Winkel [°]", "Weg [µm]"]
+    assert table.notes == ("log.csv is no UTF-8 text and was read as Latin-1",)
+    path.write_bytes(b"t,q\n0,1\n\x00\x01\xff\xfe")
+    with pytest.raises(ParameterError, match="not UTF-8"):
+        tables.read(path)

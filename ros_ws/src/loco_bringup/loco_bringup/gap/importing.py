@@ -177,9 +177,12 @@ def load(
     if suffix_of(path):
         return _from_bag(open_bag(path), name_of(path), robot, rules, judge)
     if path.is_file() and not tables.is_table(path):
+        hint = "; instead of `ros2 topic echo`, `ros2 bag record` writes one"
         raise ParameterError(
             f"{path.name} is no recording: wanted are {', '.join(BAG_TYPES)}, "
             f"{', '.join(tables.SUFFIXES)}, and .gz of texts"
+            + hint
+            * (path.suffix in (".yaml", ".yml"))
         )
     if rules is None:
         raise MissingFileError(

@@ -76,13 +76,19 @@ class Line:
         )
 
 
-def of_table(table: tables.Table, joints: Sequence[str], follows: Collection[str] = ()) -> str:
+def of_table(
+    table: tables.Table,
+    joints: Sequence[str],
+    follows: Collection[str] = (),
+    passive: Collection[str] = (),
+) -> str:
     """Text of a mapping for the columns of a table.
 
     Args:
         table: Columns of a file.
         joints: Joint names of the robot; empty if the robot is not known.
         follows: Joints whose drives are known to follow positions or velocities.
+        passive: Joints that are known to have no drive, and need no command.
 
     Raises:
         ParameterError: No column name contains a known role, or none a joint of the robot.
@@ -122,7 +128,7 @@ def of_table(table: tables.Table, joints: Sequence[str], follows: Collection[str
     }  # fmt: skip
     strangers = [x for x, drafted in columns.items() if not drafted and guesses[x].role]
     names = [x for x in [*value_columns, *table.texts] if x != time and x not in left_out]
-    return written(lines, names, joints, table.path.name, head, strangers, candidates)
+    return written(lines, names, joints, table.path.name, head, strangers, candidates, passive)
 
 
 def _guesses(spelled: Mapping[str, str], joints: Sequence[str]) -> dict[str, words.Guess]:
@@ -193,6 +199,7 @@ def written(
     head: Sequence[str] = (),
     strangers: Sequence[str] = (),
     candidates: Mapping[str, Sequence[str]] | None = None,
+    passive: Collection[str] = (),
 ) -> str:
     """Text of a mapping with one line for each role of a joint.
 
@@ -208,6 +215,7 @@ def written(
         head: Lines before the columns.
         strangers: Names that say a role, but no joint of the robot.
         candidates: Names of columns that follow the position of a joint, by joint.
+        passive: Joints that are known to have no drive, and need no command.
 
     Raises:
         ParameterError: There is no line.
@@ -238,7 +246,7 @@ def written(
     left = [name for name in names if name not in assigned]
     text += [f"# Not used: {', '.join(left)}"] if left else []
     text += [f"# {unmatched[0].upper()}{unmatched[1:]}"] if strangers else []
-    for role, joint in missing(first, joints):
+    for role, joint in missing(first, joints, passive):
         follow = ", ".join((candidates or {}).get(joint, ())) if role != "q" else ""
         text.append(
             f"# Missing: {role} of {joint}"
@@ -339,10 +347,12 @@ def _follows(values: np.ndarray, q: np.ndarray) -> bool:
     return bool(both.any() and np.std(values[both] - q[both]) < FOLLOWING * np.std(q[both]))
 
 
-def missing(lines: Mapping[tuple[str, str], Line], joints: Sequence[str]) -> list[tuple[str, str]]:
+def missing(
+    lines: Mapping[tuple[str, str], Line], joints: Sequence[str], passive: Collection[str] = ()
+) -> list[tuple[str, str]]:
     """Roles that a search needs and no line provides, in words, each with its joint."""
     required = joints or sorted({line.joint for line in lines.values() if line.key == JOINT})
-    commanded = {joint for role, joint in lines if role.startswith("command_")}
+    commanded = {*passive, *(joint for role, joint in lines if role.startswith("command_"))}
     absent = [("q", joint) for joint in required if ("q", joint) not in lines]
     return absent + [("a command", joint) for joint in required if joint not in commanded]
 

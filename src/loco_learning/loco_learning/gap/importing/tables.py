@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from loco_control.exceptions import NameUnknownError, ParameterError
-from loco_control.reading import parse_csv, parse_json, read_text, understood
+from loco_control.reading import as_text, parse_csv, parse_json, read_bytes, understood
 
 from ..recordings import units
 from ..recordings.record import Doubt
@@ -25,6 +25,7 @@ BINARY = {
     ".npz": foreign.numpy_columns, ".mat": foreign.matlab_columns,
 }  # fmt: skip
 SUFFIXES = (".csv", ".txt", ".tsv", ".dat", ".json", ".jsonl", *BINARY)
+CONTROL = {*range(9)}  # bytes that no text has
 EMPTY = ("", "none", "null", "nan", "na")
 PREAMBLE = 50  # lines in which the first row of numbers is looked for (taste)
 RUN = 4  # rows of numbers one below the other that are samples, and no lines of a header (taste)
@@ -143,7 +144,7 @@ def read(path: str | Path, samples: str = "") -> Table:
     """
     path = Path(path)
     kind = _kind(path)
-    text = "" if kind in BINARY else read_text(path)
+    text, encoding = ("", ()) if kind in BINARY else _text(path)
     if kind in BINARY:
         table = Table(path, BINARY[kind](path))
     elif kind == ".json":
@@ -159,7 +160,23 @@ def read(path: str | Path, samples: str = "") -> Table:
         table = _from_csv(path, text)
     if not table.columns or not len(table):
         raise ParameterError(next(iter(table.texts.values()), f"{path.name} has no samples"))
-    return table
+    return replace(table, notes=(*encoding, *table.notes))
+
+
+def _text(path: Path) -> tuple[str, tuple[str, ...]]:
+    """Text of a file, and a note if it is read as Latin-1, which older programs write for µ and °.
+
+    Raises:
+        MissingFileError: There is no such file.
+        ParameterError: The file is too large, or no text.
+    """
+    data = read_bytes(path)
+    try:
+        return as_text(data, path), ()
+    except ParameterError:
+        if CONTROL & {*data}:
+            raise
+    return data.decode("latin-1"), (f"{path.name} is no UTF-8 text and was read as Latin-1",)
 
 
 def _kind(path: Path) -> str:

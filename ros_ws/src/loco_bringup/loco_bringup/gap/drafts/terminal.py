@@ -47,8 +47,8 @@ def show_draft(a: argparse.Namespace) -> int:
     return 0
 
 
-def _joints(robot: str) -> tuple[Sequence[str], Collection[str]]:
-    """Joints of a robot, or of a description of one, and those whose drives follow positions."""
+def _joints(robot: str) -> tuple[Sequence[str], Collection[str], Collection[str]]:
+    """`joints_of` a robot, or of a description of one."""
     if Path(robot).suffix not in FORMATS:
         return joints_of(models.load_any(robot).make_robot())
     with tempfile.TemporaryDirectory() as folder:
@@ -57,19 +57,30 @@ def _joints(robot: str) -> tuple[Sequence[str], Collection[str]]:
         return joints_of(models.load_any(str(made)).make_robot())
 
 
-def joints_of(robot: Robot) -> tuple[Sequence[str], Collection[str]]:
-    """Joints of a robot, and those whose drives are known to follow positions or velocities."""
+def joints_of(robot: Robot) -> tuple[Sequence[str], Collection[str], Collection[str]]:
+    """Joints of a robot, those whose drives follow positions or velocities, and those without one.
+
+    The last two are empty where drives are guessed.
+    """
     known = {} if "drives" in robot.guessed else robot.drives
-    return robot.joints, [j for j, drive in known.items() if not isinstance(drive, TorqueDrive)]
+    passive = [j for j in robot.joints if j not in known] if known else []
+    follows = [j for j, drive in known.items() if not isinstance(drive, TorqueDrive)]
+    return robot.joints, follows, passive
 
 
-def draft(path: str | Path, joints: Sequence[str], follows: Collection[str] = ()) -> str:
+def draft(
+    path: str | Path,
+    joints: Sequence[str],
+    follows: Collection[str] = (),
+    passive: Collection[str] = (),
+) -> str:
     """Text of a mapping for a recording.
 
     Args:
         path: Bag, table, or folder of tables, of which the first is used.
         joints: Joints of the robot; empty if the robot is unknown.
         follows: Joints whose drives are known to follow positions or velocities.
+        passive: Joints that are known to have no drive, and need no command.
 
     Raises:
         LocoError: The recording cannot be read, or the role of no signal can be guessed.
@@ -78,17 +89,17 @@ def draft(path: str | Path, joints: Sequence[str], follows: Collection[str] = ()
     if not path.exists():
         raise MissingFileError(importing.NO_RECORDING.format(path))
     if suffix_of(path):
-        text = of_bag(open_bag(path), joints)
+        text = of_bag(open_bag(path), joints, passive)
     else:
         file = path
         if path.is_dir():
             file = next((p for p in sorted(path.iterdir()) if tables.is_table(p)), path)
         if not file.is_file() or not tables.is_table(file):
             raise ParameterError(
-                f"{path} is no recording: neither a bag nor a table ({', '.join(tables.SUFFIXES)}); "
-                "give a text of rows the ending .txt"
+                f"{path} is no recording: neither a bag (of `ros2 bag record`) nor a table "
+                f"({', '.join(tables.SUFFIXES)}); give a text of rows the ending .txt"
             )
-        text = of_table(tables.read(file), joints, follows)
+        text = of_table(tables.read(file), joints, follows, passive)
         if path.is_dir():
             text += f'files: "*{"".join(file.suffixes)}"\n'
     mapping.loads(text, mapping.FILE)

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from typing import Any
 
 from loco_learning.gap.drafting import words
@@ -19,12 +19,13 @@ LISTS = {"position": "positions", "velocity": "velocities", "effort": "effort"} 
 POINTS = {"reference": True, "desired": True, "feedback": False, "actual": False}
 
 
-def of_bag(bag: Bag, joints: Sequence[str]) -> str:
+def of_bag(bag: Bag, joints: Sequence[str], passive: Collection[str] = ()) -> str:
     """Text of a mapping for the topics of a bag.
 
     Args:
         bag: The recording.
         joints: Joints of the robot; empty if the robot is unknown.
+        passive: Joints that are known to have no drive, and need no command.
 
     Raises:
         ParameterError: No topic has a supported message type.
@@ -38,7 +39,10 @@ def of_bag(bag: Bag, joints: Sequence[str]) -> str:
     order = {joint: row for row, joint in enumerate(joints)}
     retained = [line for line in lines if not joints or line.joint in order or line.key != JOINT]
     strangers = dict.fromkeys(line.joint for line in lines if line not in retained)
-    return written(retained, sorted(bag.topics), joints, bag.path.name, strangers=list(strangers))
+    return written(
+        retained, sorted(bag.topics), joints, bag.path.name,
+        strangers=list(strangers), passive=passive,
+    )  # fmt: skip
 
 
 def first_messages(bag: Bag, name: str) -> list[Any]:
