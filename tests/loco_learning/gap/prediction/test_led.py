@@ -51,6 +51,28 @@ def test_friction_shows_as_the_torque_that_it_takes():
     assert rms(forward, [FRICTION]) < 0.25 * rms(forward)
 
 
+def test_torques_of_a_joint_that_friction_holds_are_not_compared():
+    """A Franka's wrist stops for a second at each end, whose torques looked like a spring's."""
+    t = DT * np.arange(2400)
+    told = replace(swung(), t=t, command={"torque": 0.06 * np.sin(1.3 * t)[:, None]},
+                   signals={"q": np.zeros((2400, 1))})  # fmt: skip
+    level = Model("pendulum", {"sim.gravity": 0.0, "dynamics.pivot.damping": 0.01})
+    (moved,) = Forward(level, [told])([FRICTION], step=0.25)
+    forward = led.InverseDynamics(level, [replace(told, signals={"q": moved[:, :1]})])
+    assert rms(forward, [FRICTION]) < 0.05 * rms(forward)
+    speed = np.abs(forward.records[0].signals["dq"])
+    moves = speed > led.STATIONARY * np.sqrt(np.mean(np.square(speed)))
+    between = np.flatnonzero(np.isfinite(forward.measured[0][:, 0]))
+    assert moves[between].mean() > 0.99
+    assert 0.5 < len(between) * np.diff(between).min() / moves.sum() < 1.0
+
+
+def test_a_joint_that_only_turns_round_is_compared_there():
+    (quick,) = led.InverseDynamics(PENDULUM, [swung()]).measured
+    still = led.InverseDynamics(PENDULUM, [replace(swung(), signals={"q": np.zeros((ROWS, 1))})])
+    assert np.isfinite(quick).sum() == np.isfinite(still.measured[0]).sum()
+
+
 def test_gain_and_bias_of_a_torque_drive_count_as_in_a_simulation():
     values = {"drives.pivot.gain": 0.8, "drives.pivot.bias": 0.02}
     forward = led.InverseDynamics(PENDULUM, [swung(overrides=values)])

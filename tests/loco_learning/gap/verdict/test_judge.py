@@ -188,6 +188,31 @@ def test_what_the_best_model_equals_at_a_bound_is_fitted_once(stroke, rms, asked
     assert len(judging.fits) == len(models) + len(asked)
 
 
+def test_all_models_on_a_bound_are_left_until_the_best_is_inside():
+    """Each of the best of a search had a stop beyond the motion; dry friction was never tried."""
+    size = Coordinate("torque", 1.0, (1.0,), 0.0, 10.0, strength=True)
+    shape = Coordinate("place", 1.0, (1.0,), 0.0, 10.0)
+    stop = Hypothesis("end_stop", "knee", (), (size, shape)), (1.0, 0.0)
+    dry, bias, spring = (
+        (Hypothesis(name, "knee", (), (size,)), (1.0,))
+        for name in ("coulomb_friction", "torque_bias", "cubic_stiffness")
+    )
+
+    def model(parts, rms):
+        return Some(parts=parts, key=" + ".join(sorted(h.key for h, _ in parts)), rms=rms)
+
+    def each(function, tasks):
+        return [model(parts, 1.0 + 0.4 * (3 - len(parts))) for parts, _ in tasks]
+
+    judging = judgement(_anew=list)
+    judging.found = Some(screened=[])
+    judging.search = Some(energy=lambda m: m.rms, each=each, setting=None)
+    known = [model([stop, spring], 1.0), model([stop, dry, bias], 1.1), model([bias], 9.0)]
+    judging.fits = {m.key: m for m in known}
+    judging._leave_bounds()
+    assert "coulomb_friction knee + torque_bias knee" in judging.fits
+
+
 def test_all_that_are_weighed_are_fitted_about_the_model_at_hand_and_keep_the_better_fit():
     asked = []
 
@@ -255,7 +280,7 @@ def judged(monkeypatch):
     monkeypatch.setattr(judge, "slides", lambda channels: set())
     surely = Estimate("torque", 1.0, 0.9, 1.1)
 
-    def run(found, others=(), gap=10.0, sizes=()):
+    def run(found, others=(), gap=10.0, sizes=(), unsure=()):
         known = {one.key: one for one in others}
         tried = []
 
@@ -264,12 +289,17 @@ def judged(monkeypatch):
                 tried.append(model.key)
                 return [m for m in known.values() if len(m.parts) == len(model.parts)]
 
+            def _fitted(self, parts):
+                return known.get(" + ".join(sorted(h.key for h, _ in parts)), self.found.base)
+
             def _without(self, model, index):
-                left = [h.key for i, (h, _) in enumerate(model.parts) if i != index]
-                return known.get(" + ".join(sorted(left)), self.found.base)
+                return self._fitted([*model.parts[:index], *model.parts[index + 1 :]])
 
         def sensitivities(case, model, wider):
             size = {h.key: (dict(sizes).get(h.effect, surely),) for h, _ in model.parts}
+            for h, _ in model.parts:
+                if h.effect in dict(unsure).get(tuple(sorted(model.names, key=ORDER.index)), ()):
+                    size[h.key] = (Estimate("torque", 1.0, -0.1, 2.1),)
             return size, None
 
         monkeypatch.setattr(judge, "sensitivities", sensitivities)
@@ -289,7 +319,7 @@ def judged(monkeypatch):
     return run
 
 
-DRY, WET, PLAY = "coulomb_friction", "viscous_friction", "backlash"
+ORDER = DRY, WET, PLAY = "coulomb_friction", "viscous_friction", "backlash"
 
 
 def test_the_most_probable_model_is_challenged_and_a_better_one_takes_its_place(judged):
@@ -324,6 +354,26 @@ def test_an_effect_whose_size_may_be_zero_goes_if_the_rest_stands(judged):
     assert found.decision.names == (DRY,) and not found.decision.adequate
     alone, _ = judged([fitted(WET)], sizes=[(WET, nothing)])
     assert alone.decision.verdict == UNKNOWN
+
+
+def test_what_stands_beside_an_effect_of_no_size_is_fitted_if_no_search_has_done_it(
+    judged, monkeypatch
+):
+    """A double pendulum was unknown: a force of no size came beside the friction of its joints."""
+    monkeypatch.setattr(judge, "ROUNDS", 0)
+    nothing = Estimate("torque", 1.0, -0.1, 2.1)
+    found, tried = judged([fitted(DRY, WET)], [fitted(DRY, rms=2.5)], sizes=[(WET, nothing)])
+    assert not tried
+    assert found.decision.names == (DRY,) and found.decision.verdict == PARTLY
+
+
+def test_one_effect_of_no_size_goes_at_a_time_the_least_probable_first(judged):
+    """Beside a force of no size the interval of the load's friction reached nothing, too."""
+    wide = {(DRY, WET, PLAY): (WET, PLAY), (DRY, WET): ()}
+    every, two, dry = fitted(DRY, WET, PLAY), fitted(DRY, WET, rms=1.1), fitted(DRY, rms=1.8)
+    others = [two, dry, fitted(WET, PLAY, rms=4.0), fitted(DRY, PLAY, rms=1.7)]
+    found, _ = judged([every], others, unsure=wide)
+    assert found.best.key == two.key
 
 
 @pytest.mark.parametrize(

@@ -61,7 +61,7 @@ def record(
     notes: Sequence[str] = (),
     trust_units: bool = False,
     judge: bool = True,
-    **known: Any,
+    **attributes: Any,
 ) -> Record:
     """Align the signals of one experiment.
 
@@ -77,7 +77,7 @@ def record(
         trust_units: Whether to skip the checks for wrong units.
         judge: Whether to reject signals that are probably in a wrong unit; if not, `setup.family`
             reports them.
-        known: Attributes `role`, `overrides`, `simulated` and `joint_torque` of the record.
+        attributes: Attributes `role`, `overrides`, `simulated` and `joint_torque` of the record.
 
     Raises:
         ParameterError: The data contradict their description; see `checks`, `suspect`.
@@ -112,7 +112,7 @@ def record(
         data |= slow.commands(sparse, axis, robot, data)
         messages.append(slow.note(sparse, own_rate, robot))
     data |= {"resolution": observe.steps(tracks), "stamps": observe.stamps(tracks),
-             "late": float(max(delays)), "trusted": trust_units, **known}  # fmt: skip
+             "late": float(max(delays)), "trusted": trust_units, **attributes}  # fmt: skip
     messages += observe.notes(tracks, rate, CUTS.silence) + observe.above_limits(tracks, robot)
     result = Record(name, axis - axis[0], **data)
     if result.simulated > FINE_STEP:

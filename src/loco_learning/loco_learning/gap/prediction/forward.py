@@ -152,15 +152,15 @@ class Forward:
             with_integrals(record, self.robot(i), commands, starts, loaded=False)
             for i, (record, commands, starts) in enumerate(each)
         ]
-        found = []
+        result = []
         runs = zip(given(), empty(), self.measured, self._starts, empty._starts, strict=True)
         for loaded, unloaded, target, *states in runs:
             rows = np.isfinite(target) & np.isfinite(loaded)
             first, second = (np.sum(np.where(rows, p - target, 0.0) ** 2, axis=0)
                              for p in (loaded, unloaded))  # fmt: skip
             n_clear = np.sum(second < CLEARLY * first)
-            found.append(states[int(n_clear > 0.5 * np.sum(rows.any(axis=0)))])
-        return found
+            result.append(states[int(n_clear > 0.5 * np.sum(rows.any(axis=0)))])
+        return result
 
     def _weighed(self, index: int, values: np.ndarray) -> np.ndarray:
         params, dt, window = self.params, self.records[index].dt, self._lengths[index]
@@ -330,14 +330,14 @@ class Forward:
         that is divided into pieces, whose states are measured, only the torques deviate. Empty for
         pieces without integrators or on the ground, and for a robot at rest without an integrator.
         """
-        found = []
+        result = []
         for i, (record, starts) in enumerate(zip(self.records, self._starts, strict=True)):
             robot, pieces = self.robot(i), bool(self._lengths[i])
             limits = running.integral_limits(robot)
             unknown = starts and (not pieces or robot.fixed_base and limits.any())
-            known = [(1 - pieces) * std for std in windows.first_doubt(record, robot)]
-            found.append(np.concatenate([*known, limits[limits > 0.0]] if unknown else [[]]))
-        return found
+            first = [(1 - pieces) * std for std in windows.first_doubt(record, robot)]
+            result.append(np.concatenate([*first, limits[limits > 0.0]] if unknown else [[]]))
+        return result
 
     def begun_at(self, by: Sequence[np.ndarray]) -> Forward:
         """Copy with initial states changed by `by`, as in `doubtful`; empty for no change."""

@@ -15,7 +15,7 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from scipy.ndimage import gaussian_filter1d
+from scipy.ndimage import binary_dilation, binary_opening, gaussian_filter1d
 
 from loco_control.params import limits
 from loco_sim.bolted.loop import Bolted
@@ -38,6 +38,10 @@ STIFFNESS = 0.6  # bandwidth of the tracking drive times the time between rows (
 # Standard deviation of the Gaussian filter of the motion, and of both torques [s]. On an arm of
 # seven joints (docs/gap_measured.md) shorter ones leave the noise of the second derivative.
 SMOOTH = 0.03
+# Speed over its rms below which a joint is stationary, if it remains so for `MARGIN` deviations of
+# the filter: friction, not the motion, then decides the torque (taste).
+STATIONARY = 0.1
+MARGIN = 2.0  # deviations of the filter, also at either end: filtered torques there contain it
 TRIM = 5.0  # filter deviations from either end within which nothing is compared (theory)
 DECAY_TIMES = 3.0  # time constants after which an initial state has decayed to 1/20 (theory)
 # Share of the torque of every joint that its velocity explains, from which on there is feedback:
@@ -296,10 +300,19 @@ def _acting(record: Record, robot: Robot) -> np.ndarray:
     return 0.5 * (torque + np.concatenate([torque[:1], torque[:-1]]))
 
 
+def _stationary(speed: np.ndarray, dt: float) -> np.ndarray:
+    """True where a joint is stationary, and within the width of the filter of it, (T, n)."""
+    slow = np.abs(speed) < STATIONARY * np.sqrt(np.mean(np.square(speed), axis=0))
+    width = round(MARGIN * SMOOTH / dt)
+    shortest, window = (np.ones((rows + 1, 1), dtype=bool) for rows in (width, 2 * width))
+    return binary_dilation(binary_opening(slow, shortest), window)
+
+
 def _prescribe(record: Record, robot: Robot) -> Record:
     """A record with the measured motion as the command and the commanded torque as a signal.
 
     Both pass the same filter and are subsampled: the motion to `COARSE`, torques to `SMOOTH`.
+    Torques of a stationary joint are not compared: any up to its friction leaves it there.
     """
     measured, torque = record.read_of(robot, "q"), _acting(record, robot)
     valid, dt = np.isfinite(measured).all(axis=1), record.dt
@@ -307,7 +320,8 @@ def _prescribe(record: Record, robot: Robot) -> Record:
     q, dq = smoothed(filled, dt), smoothed(filled, dt, order=1)
     every = max(1, round(COARSE / dt))
     selected = slice(0, len(record.t) // every * every, every)
-    tau = np.where(valid[:, None], smoothed(smoothed(torque, dt), dt), np.nan)[selected]
+    compared = valid[:, None] & ~_stationary(dq, dt)
+    tau = np.where(compared, smoothed(smoothed(torque, dt), dt), np.nan)[selected]
     between = max(1, round(SMOOTH / (every * dt)))
     tau[np.arange(len(tau)) % between != 0] = np.nan
     margin = round(TRIM * SMOOTH / (every * dt))

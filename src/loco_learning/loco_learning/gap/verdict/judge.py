@@ -200,15 +200,16 @@ class Judgement:
                 return weights
 
     def _leave_bounds(self) -> None:
-        """Fit what the best model equals, as long as that has a shape on the bound of its range.
+        """Fit what the best models equal that have a shape on the bound of its range.
 
         At a bound a law is another one or none, and has no weight; the model that it equals may not
         be known, as fits of nonlinear shapes depend on where they start.
         """
         while True:
-            model = min(self.fits.values(), key=lambda m: (self.search.energy(m), m.key))
+            models = [m for m in self.fits.values() if m.key not in self.replaced]
+            model = min(models, key=lambda m: (self.search.energy(m), m.key))
             bounded = [i for i, part in enumerate(model.parts) if on_edge(*part, CRITERION.edge)]
-            if not bounded or model.key in self.replaced:
+            if not bounded:
                 return
             self.replaced.add(model.key)
             variants = [parts for i in bounded for parts in self._equal(model, i)]
@@ -233,7 +234,10 @@ class Judgement:
     def _selected(
         self, weights: Weights
     ) -> tuple[Fitted, Mapping[str, tuple], identify.Identifiability | None, set[str]]:
-        """The most probable model whose effects are all established, if it was fitted.
+        """The most probable model whose effects are all established.
+
+        One effect goes at a time, the least probable first, and the others are fitted without it:
+        a size may have a wide interval only because another one, of no size, imitates it.
 
         Returns:
             The model, its parameters and their analysis, and the keys of the effects whose sizes
@@ -243,12 +247,14 @@ class Judgement:
         while True:
             estimates, analysis = self._sensitivities(model)
             uncertain = {key for key, each in estimates.items() if absent(each)}
-            keys = [h.key for h, _ in model.parts if h.key not in uncertain]
-            smaller = self.fits.get(" + ".join(sorted(keys)))
-            if not uncertain or not keys or smaller is None:
+            doubtful = [h for h, _ in model.parts if h.key in uncertain]
+            if not doubtful or len(model.parts) == 1:
                 model = gauss_newton(self.case, model)
                 return model, *self._sensitivities(model), uncertain
-            model = smaller
+            least = min(doubtful, key=lambda h: (weights.effect(h.effect, h.place), h.key))
+            parts = [part for part in model.parts if part[0] is not least]
+            smaller = self.fits.get(" + ".join(sorted(h.key for h, _ in parts)))
+            model = smaller or self._put([self._fitted(parts)])[0]
 
     def _challenge(self, model: Fitted) -> None:
         """Fit a model without each of its effects, with others instead, and with fewer joints."""
