@@ -64,6 +64,8 @@ def test_torques_of_a_joint_that_friction_holds_are_not_compared():
     moves = speed > led.STATIONARY * np.sqrt(np.mean(np.square(speed)))
     between = np.flatnonzero(np.isfinite(forward.measured[0][:, 0]))
     assert moves[between].mean() > 0.99
+    (note,) = forward.records[0].notes
+    assert note.startswith("pivot is stationary ") and 20 < int(note.split()[3][:-1]) < 60
     assert 0.5 < len(between) * np.diff(between).min() / moves.sum() < 1.0
 
 

@@ -42,6 +42,9 @@ SMOOTH = 0.03
 # the filter: friction, not the motion, then decides the torque (taste).
 STATIONARY = 0.1
 MARGIN = 2.0  # deviations of the filter, also at either end: filtered torques there contain it
+NOTED = (
+    0.05  # share of the time for which a joint is stationary from which on a note says so (taste)
+)
 TRIM = 5.0  # filter deviations from either end within which nothing is compared (theory)
 DECAY_TIMES = 3.0  # time constants after which an initial state has decayed to 1/20 (theory)
 # Share of the torque of every joint that its velocity explains, from which on there is feedback:
@@ -320,7 +323,11 @@ def _prescribe(record: Record, robot: Robot) -> Record:
     q, dq = smoothed(filled, dt), smoothed(filled, dt, order=1)
     every = max(1, round(COARSE / dt))
     selected = slice(0, len(record.t) // every * every, every)
-    compared = valid[:, None] & ~_stationary(dq, dt)
+    stationary = _stationary(dq, dt)
+    compared = valid[:, None] & ~stationary
+    shares = zip(robot.joints, stationary.mean(axis=0), strict=True)
+    notes = [f"{joint} is stationary {share:.0%} of the time: its torque, which friction may hold, "
+             "is not compared there" for joint, share in shares if share > NOTED]  # fmt: skip
     tau = np.where(compared, smoothed(smoothed(torque, dt), dt), np.nan)[selected]
     between = max(1, round(SMOOTH / (every * dt)))
     tau[np.arange(len(tau)) % between != 0] = np.nan
@@ -340,4 +347,5 @@ def _prescribe(record: Record, robot: Robot) -> Record:
         resolution={},
         guessed={},
         moved={},
+        notes=(*record.notes, *notes),
     )
