@@ -195,6 +195,23 @@ def test_what_follows_a_listed_joint_and_is_not_listed_is_held_where_it_stands(
     assert all(map(np.allclose, got, wanted)) and not all(map(np.allclose, got, another))
 
 
+@pytest.mark.parametrize("kind", ["revolute", "prismatic"])
+@pytest.mark.parametrize("factor", [1.0, -2.0])
+def test_the_leader_moves_the_inertia_of_a_joint_that_follows_it_and_is_held(folder, kind, factor):
+    """As the second finger of a gripper: of a motion (1, k) the inertia is M11 + k² M22."""
+    finger = FINGER.format(kind=kind).replace('"arm"/><child', '"world_link"/><child')
+    urdf = ONE_JOINT.replace("</robot>", finger)
+    led = urdf.replace(
+        "</joint></robot>", f'<mimic joint="elbow" multiplier="{factor}"/></joint></robot>'
+    )
+    values = {"drives": {"elbow": DRIVE}, "height": 2.0}
+    held = robot.load(folder(led, dynamics={"elbow": {"armature": 0.03}}, **values))
+    both = robot.load(folder(urdf, **{**values, "joints": ["elbow", "wrist"]}))
+    first, second = np.diag(Bolted(both).inertia(np.zeros(2)))
+    wanted = first + 0.03 + factor**2 * second
+    assert Bolted(held).inertia(np.zeros(1))[0, 0] == pytest.approx(wanted, rel=1e-9)
+
+
 def test_a_mesh_that_is_missing_matters_only_to_a_robot_that_may_touch_something(folder):
     mesh = '<collision><geometry><mesh filename="package://a/b.stl"/></geometry></collision></link>'
     urdf = ONE_JOINT.replace("</link>", mesh)

@@ -371,6 +371,11 @@ class Description:
         _, tensor, _ = self._inertial(link)
         return inertia_matrix([float(tensor.get(key, 0.0)) for key in TENSOR])
 
+    def centre_of(self, link: str) -> np.ndarray:
+        """Centre of mass of a link in its frame [m], (3,)."""
+        _, _, origin = self._inertial(link)
+        return np.array([float(v) for v in origin.get("xyz", "0 0 0").split()])
+
     def shift_com(self, link: str, offset: tuple[float, float, float]) -> None:
         """Move the centre of mass of a link [m]; the inertia about it is unchanged.
 

@@ -70,6 +70,29 @@ def zero_frames(description: Any) -> dict[str, Frames]:
     return {link: (rotation[0], origin[0]) for link, (rotation, origin) in by_name.items()}
 
 
+def inertia_along(description: Any, joint: str) -> float:
+    """Inertia of all links behind a joint about its axis [kg·m²], or their mass [kg] if it slides.
+
+    Args:
+        description: A `Description`.
+        joint: Name of the joint; joints behind it are at zero.
+    """
+    links = [x for x in description.below(description.child(joint)) if description.mass_of(x) > 0.0]
+    if description.joint_types()[joint] == "prismatic":
+        return float(sum(map(description.mass_of, links)))
+    frames, total = zero_frames(description), 0.0
+    rotation, origin = frames[description.child(joint)]
+    axis = rotation @ description.axis(joint)
+    axis /= np.linalg.norm(axis)
+    for link in links:
+        rotation, place = frames[link]
+        inertia, centre = description.inertia_of(link), description.centre_of(link)
+        arm = np.cross(axis, place + rotation @ centre - origin)
+        total += axis @ rotation @ inertia @ rotation.T @ axis
+        total += description.mass_of(link) * float(arm @ arm)
+    return float(total)
+
+
 def _frame(link: str, parent: dict, columns: dict, ticks: int, done: dict[str, Frames]) -> Frames:
     """Frame of a link, from that of its parent and the joint between them."""
     if link in done:

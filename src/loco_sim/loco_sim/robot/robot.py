@@ -8,7 +8,7 @@ assumption on the number of joints and feet.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
 from fnmatch import fnmatchcase
 from functools import cache, lru_cache
@@ -30,6 +30,7 @@ from . import legs as leg_geometry
 from .clearance import base_height
 from .description import Description
 from .equipment import ContactParams
+from .frames import inertia_along
 from .hall import HallSensor
 from .sensors import SensorParams
 from .servo import DRIVES, DriveParams
@@ -214,8 +215,11 @@ def load(name_or_path: str | Path, overrides: Mapping[str, Any] | None = None) -
     bolted = bool({**values, **(overrides or {})}.get("fixed_base", False))
     text = _checked(text, urdf, bolted, bolted and not values.get("feet"))
     description = Description(text)
+    reflected: dict[str, float] = {}
     if isinstance(values.get(LOCKED) or {}, dict) and (unlisted := _unlisted(values, description)):
-        values = {**values, LOCKED: unlisted | (values.get(LOCKED) or {})}
+        locked = values.get(LOCKED) or {}
+        reflected = _reflected(description, {*unlisted} - {*locked})
+        values = {**values, LOCKED: unlisted | locked}
     if values.get(LOCKED):
         values = _with_locked(values, description, path)
     legs = None
@@ -226,6 +230,9 @@ def load(name_or_path: str | Path, overrides: Mapping[str, Any] | None = None) -
     moved = [description.child(joint) for joint in joints]
     values = equipment.expanded(values, joints, description.links(), path)
     equipment.override(values, overrides or {}, description.links())
+    for joint, inertia in reflected.items():
+        entry = values["dynamics"].setdefault(joint, {})
+        entry["armature"] = entry.get("armature", 0.0) + inertia
     driven = np.array([joint in values["drives"] for joint in joints], dtype=bool)
     limits[driven & (limits <= 0.0)] = math.inf  # exporters write 0 where they know nothing
     try:
@@ -292,6 +299,20 @@ def _unlisted(values: dict[str, Any], description: Description) -> dict[str, flo
         for joint, (leader, factor, offset) in _followers(description, types).items()
         if leader in standing and joint not in standing
     }
+
+
+def _reflected(description: Description, held: Collection[str]) -> dict[str, float]:
+    """Inertia that each leader moves with joints which follow it and are held [kg·m² or kg].
+
+    The kinetic energy of a follower that turns k times as fast is that of k² its inertia.
+    """
+    added: dict[str, float] = {}
+    for joint, (leader, factor, _) in _followers(
+        description, tuple(description.joint_types())
+    ).items():
+        if joint in held:
+            added[leader] = added.get(leader, 0.0) + factor**2 * inertia_along(description, joint)
+    return added
 
 
 def _followers(
