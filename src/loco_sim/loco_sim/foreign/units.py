@@ -93,6 +93,23 @@ def check(root: ET.Element, folder: Path, notes: Notes, suspects: Notes) -> None
     _ranges(limits["prismatic"], longest, np.inf, "m", ("slides in mm", "by 1000"), suspects)
 
 
+def factors(root: ET.Element, folder: Path) -> tuple[float, str, float]:
+    """Numbers per kg of masses, unit of inertias, and numbers of it per kg·m², of a description.
+
+    They are 1, and the unit empty, where the file is in kg and kg·m², or does not tell.
+
+    Args:
+        root: Element of the robot.
+        folder: Folder of relative mesh files.
+    """
+    sizes = [_size(root, link, folder) for link in root.findall("link")]
+    sizes = [size for size in sizes if size.mass > 0.0 and np.isfinite(size.moment)]
+    masses = 1e3 if _masses(sizes, Notes()) else 1.0
+    ratio = _ratios([replace(size, mass=size.mass / masses) for size in sizes], Notes())
+    unit = _unit(float(np.median(list(ratio.values())))) if ratio else 0.0
+    return masses, UNITS.get(unit, ""), unit or 1.0
+
+
 def _joint_reach(root: ET.Element, link: str) -> float:
     """Largest distance of a joint on a link from its origin [m]."""
     child_joints = [j for j in root.findall("joint") if j.find("parent").get("link") == link]
@@ -236,6 +253,30 @@ def _inertias(sizes: list[Size], notes: Notes, suspects: Notes) -> None:
         notes: Collects findings of single links.
         suspects: Collects another unit of all inertias.
     """
+    ratio = _ratios(sizes, notes)
+    if not ratio:
+        return
+    middle = float(np.median(list(ratio.values())))
+    if unit := _unit(middle):
+        suspects.add(
+            f"inertias in {UNITS[unit]}? They are {middle:.2g} times m d²/4 of the links, of which "
+            f"no body has more than 1; if so, divide them by {unit:.0e}".replace("e+0", "e")
+        )
+        return
+    for name, value in ratio.items():
+        if value > WRONG:
+            notes.add("an inertia far beyond what a body of that size and mass can have", name)
+
+
+def _unit(middle: float) -> float:
+    """Number of units per kg·m² of inertias that are so many times m d²/4; 0 for kg·m²."""
+    if not middle > WRONG:
+        return 0.0
+    return min(UNITS, key=lambda times: abs(np.log10(middle / times / SHARE)))
+
+
+def _ratios(sizes: list[Size], notes: Notes) -> dict[str, float]:
+    """Moment of inertia over m d²/4 of each link, without placeholders, which are noted."""
     usable = [size for size in sizes if size.diagonal > 0.0 and size.moment > 0.0]
     ratio = {s.name: s.moment / (s.mass * s.diagonal**2 / 4.0) for s in usable}
     repeated = Counter(size.written for size in usable if size.written == size.written)
@@ -245,16 +286,4 @@ def _inertias(sizes: list[Size], notes: Notes, suspects: Notes) -> None:
             text = f"an inertia of {size.written:g} kg·m² about each axis fills a gap of the file"
             notes.add(text, size.name)
             del ratio[size.name]
-    if not ratio:
-        return
-    middle = float(np.median(list(ratio.values())))
-    if middle > WRONG:
-        unit = min(UNITS, key=lambda times: abs(np.log10(middle / times / SHARE)))
-        suspects.add(
-            f"inertias in {UNITS[unit]}? They are {middle:.2g} times m d²/4 of the links, of which "
-            f"no body has more than 1; if so, divide them by {unit:.0e}".replace("e+0", "e")
-        )
-        return
-    for name, value in ratio.items():
-        if value > WRONG:
-            notes.add("an inertia far beyond what a body of that size and mass can have", name)
+    return ratio

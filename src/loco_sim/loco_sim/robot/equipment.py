@@ -51,7 +51,7 @@ class BodyParams(Params):
 
     mass: float = parameter(1.0, "times the URDF's, inertia with it", "-", low=1e-3, high=1e3)
     inertia: float = parameter(
-        1.0, "times the URDF's, about the centre of mass", "-", low=1e-3, high=1e3
+        1.0, "times the URDF's, about the centre of mass", "-", low=1e-9, high=1e3
     )
     x: float = parameter(0.0, "shift of the centre of mass, link frame", "m", low=-1.0, high=1.0)
     y: float = parameter(0.0, "the same along y", "m", low=-1.0, high=1.0)

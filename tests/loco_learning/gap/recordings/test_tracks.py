@@ -123,3 +123,15 @@ def test_a_joint_that_follows_another_is_made_from_it_where_nobody_recorded_it(o
         shift = 0.5 if track.role in ("q", "command_position") else 0.0
         assert track.place == "b"
         np.testing.assert_allclose(track.x, -0.2 * T + shift)
+
+
+@pytest.mark.parametrize(("before", "after"), [("left_", ""), ("", "_joint"), ("ur5/", "/pos")])
+def test_names_of_joints_differ_by_one_prefix_and_suffix(before, after):
+    joints = ("hip", "knee", "knee_roll")
+    named = {f"{before}{joint}{after}": joint for joint in joints}
+    assert tracks.joint_names([*named, "wheel"], joints) == named
+    back = {joint: name for name, joint in named.items()}  # the model has them
+    assert tracks.joint_names(joints, tuple(named)) == back
+    assert tracks.joint_names([*named][:2], joints) == {}  # one is lacking
+    twice = [f"{side}_{joint}" for side in ("left", "right") for joint in joints]
+    assert tracks.joint_names(twice, joints) == {}

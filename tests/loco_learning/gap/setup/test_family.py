@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Mistakes of a set-up as users make them are found, with the joint; healthy data have none."""
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -350,3 +351,101 @@ def test_a_base_that_is_bolted_moves_and_one_that_is_free_does_not(swinging, fix
     assert (finding is not None) is found
     if found:
         assert [(c.key, c.value) for c in finding.mends] == [("fixed_base", not fixed)]
+
+
+def rates(scale):
+    def change(data):
+        for joint in ("shoulder", "elbow"):
+            data[f"dq_{joint}"] = scale * np.gradient(data[f"q_{joint}"], data["t"])
+
+    return change
+
+
+def lacks_rates(data):
+    """A driver that writes positions where velocities belong."""
+    for joint in ("shoulder", "elbow"):
+        data[f"dq_{joint}"] = 1.7 * data[f"q_{joint}"]
+
+
+def test_a_velocity_that_is_a_position_is_told(judged):
+    assert judged("arm", rates(1.0)) == []
+    findings = judged("arm", lacks_rates)
+    assert [f.joints for f in findings] == [("shoulder",), ("elbow",)]
+    assert all("is not the derivative of q, but a multiple of q" in f.says for f in findings)
+
+
+@pytest.mark.parametrize("by", [0.05, 0.2])
+def test_a_scale_of_the_velocities_is_one_finding_for_all_recordings(judged, by):
+    """The number differs a little between recordings, and so does that of the position command."""
+
+    def change(data):
+        rates(by)(data)
+        data["cmd_elbow"] = 4.0 * data["cmd_elbow"]
+
+    findings = judged("arm", change)
+    scales = {c.joint: c.value for f in findings for c in f.mends if c.role == "dq"}
+    assert scales == pytest.approx({"shoulder": 1.0 / by, "elbow": 1.0 / by}, rel=0.1)
+    assert not any("run" in f.says for f in findings)
+
+
+def changes(data):
+    """Commands as changes of the position that is measured, or of that commanded before."""
+    for joint in ("shoulder", "elbow"):
+        data[f"cmd_{joint}"] = data[f"cmd_{joint}"] - data[f"q_{joint}"]
+
+
+def increments(data):
+    for joint in ("shoulder", "elbow"):
+        data[f"cmd_{joint}"] = np.diff(data[f"cmd_{joint}"], prepend=0.0)
+
+
+@pytest.mark.parametrize("change", [changes, increments])
+def test_a_command_that_is_a_change_of_the_position_is_told(judged, change):
+    (finding,) = [f for f in judged("arm", change) if f.stops]
+    assert finding.fault == "relative" and set(finding.joints) <= {"shoulder", "elbow"}
+
+
+@pytest.mark.parametrize(("scale", "posture"), [(0.25, 0.4), (0.1, -0.6)])
+def test_an_action_about_a_posture_has_a_scale_and_an_offset(judged, mended, scale, posture):
+    def change(data):
+        data["cmd_elbow"] = (data["cmd_elbow"] - posture) / scale
+
+    findings = judged("arm", change)
+    (finding,) = findings
+    values = {c.key: c.value for c in finding.mends}
+    assert {c.role for c in finding.mends} == {"command_position"}
+    assert values["scale"] == pytest.approx(scale, rel=0.15)
+    assert values["offset"] == pytest.approx(posture, abs=0.1)
+
+
+@pytest.mark.parametrize(("first", "last"), [(2.0, 2.7), (3.0, 4.0)])
+def test_a_stretch_without_torques_is_told_and_not_taken_for_a_sign(judged, first, last):
+    def change(data):
+        rows = (data["t"] >= first) & (data["t"] < last)
+        for joint, way in (("shoulder", -1.0), ("elbow", 1.0)):  # it falls and swings
+            data[f"tau_{joint}"][rows] = 0.01
+            data[f"q_{joint}"][rows] += way * 0.8 * np.sin(5.0 * (data["t"][rows] - first)) ** 2
+
+    findings = judged("arm", change)
+    assert {f.fault for f in findings} == {"part"} and len(findings) == 2  # one a recording
+    for finding in findings:
+        assert "the drives were off" in finding.says and "sign" not in finding.says
+        told = [float(x) for x in re.findall(r"from ([\d.]+) to ([\d.]+) s", finding.says)[0]]
+        assert told == pytest.approx([first, last], abs=0.06)
+
+
+@pytest.mark.parametrize(("unit", "grams"), [(1e6, False), (1e9, False), (1e9, True)])
+def test_inertias_in_other_units_are_told_where_the_motion_agrees(tmp_path, recorded, unit, grams):
+    machine = MACHINES["arm"]
+
+    def other(match):
+        key, value = match.groups()
+        by = (1e3 if grams else 1.0) if key == "mass value" else unit
+        return f'{key}="{by * float(value)}"'
+
+    urdf = re.sub(r'(mass value|i[xyz]{2})="([^"]+)"', other, machine.urdf)
+    folder = replace(machine, urdf=urdf).write(tmp_path / "set", recorded("arm"))
+    (finding,) = family.find_mistakes(*read(folder))
+    assert finding.fault == "inertias"
+    assert f"in {'kg·mm²' if unit == 1e6 else 'g·mm²'}" in finding.says
+    assert ("masses are in g" in finding.says) is grams

@@ -269,6 +269,19 @@ def test_another_zero_of_an_angle_is_told_by_the_weight(judged, mended, name, jo
     assert family.find_mistakes(*mended(found)) == []
 
 
+@pytest.mark.parametrize(("joint", "offset"), [("lift", 1.571), ("bend", -0.9)])
+def test_another_zero_of_a_measured_angle_alone_is_not_that_of_its_command(
+    judged, mended, joint, offset
+):
+    def change(rows):
+        rows[f"q_{joint}"] = rows[f"q_{joint}"] + offset
+
+    (finding,) = judged("arm", change=change, kinds=ALL)
+    assert [(c.role, c.joint) for c in finding.mends] == [("q", joint)], str(finding)
+    assert finding.mends[0].value == pytest.approx(-offset, abs=0.1)
+    assert family.find_mistakes(*mended([finding])) == []
+
+
 @pytest.mark.parametrize("kinds", [ALL, PASSED])
 def test_an_angle_from_the_base_is_told_by_the_weight(judged, kinds):
     def change(rows):

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
@@ -12,7 +13,7 @@ from loco_control.exceptions import BagError, NameUnknownError, ParameterError
 from loco_learning.gap.recordings.mapping import Column
 
 from ..bag.reader import Bag
-from .joint_states import clock, two_publishers
+from .joint_states import clock, common_clock, two_publishers
 
 _STEP = re.compile(r"([A-Za-z_]\w*)(?:\[([^\]]+)\])?$")
 
@@ -23,6 +24,7 @@ class FieldSource:
     Args:
         bag: The recording.
         name: Name of the record.
+        topics: Topics whose clock the mapping does not say, of all its columns.
 
     Attributes:
         notes: Sentences on the clocks of the topics read so far.
@@ -30,8 +32,9 @@ class FieldSource:
 
     header: dict[str, Any] = {}
 
-    def __init__(self, bag: Bag, name: str):
+    def __init__(self, bag: Bag, name: str, topics: Iterable[str] = ()):
         self._bag, self.name = bag, name
+        self._topics = sorted(set(topics) & set(bag.topics))
         self._read: dict[str, tuple[np.ndarray, np.ndarray, list]] = {}
         self.notes: list[str] = []
 
@@ -47,10 +50,8 @@ class FieldSource:
             raise ParameterError(
                 f"column {column.column!r} must name its topic in the bag, one of {names}"
             )
-        if column.topic not in self._read:
-            self._read[column.topic] = self._messages(column.topic)
-        stamps, logged, messages = self._read[column.topic]
-        t = clock(stamps, logged, column.topic, self.notes, column.clock)
+        stamps, logged, messages = self._messages(column.topic)
+        t = clock(stamps, logged, column.topic, self.notes, column.clock or self._clock())
         steps = [_STEP.match(part) for part in column.column.split(".")]
         if not all(steps):
             raise ParameterError(f"{column.column!r} is no path of a field, e.g. position[knee]")
@@ -72,13 +73,19 @@ class FieldSource:
             raise BagError(two_publishers(self._bag, column.topic, column.column, sizes))
         return t[rows], np.array(values)
 
+    def _clock(self) -> str:
+        """Clock that all topics of the mapping have in common, as in `common_clock`."""
+        return common_clock([self._messages(topic)[:2] for topic in self._topics])
+
     def _messages(self, topic: str) -> tuple[np.ndarray, np.ndarray, list]:
-        """Header stamps (0 without a header) and log times [ns], and the messages."""
-        messages = self._bag.messages(topic)
-        if not messages:
-            raise BagError(f"{self._bag.path.name} has no message on {topic}")
-        stamps = np.array([_stamp(message) for message in messages], dtype=np.int64)
-        return stamps, self._bag.raw(topic)[0], messages
+        """Header stamps (0 without a header) and log times [ns], and the messages; read once."""
+        if topic not in self._read:
+            messages = self._bag.messages(topic)
+            if not messages:
+                raise BagError(f"{self._bag.path.name} has no message on {topic}")
+            stamps = np.array([_stamp(message) for message in messages], dtype=np.int64)
+            self._read[topic] = stamps, self._bag.raw(topic)[0], messages
+        return self._read[topic]
 
 
 def _stamp(message: Any) -> int:

@@ -205,7 +205,8 @@ def _from_bag(
 ) -> list[Record]:
     rules = rules or Mapping(bag.path)
     if rules.columns:
-        source = FieldSource(bag, name)
+        topics = (column.topic for column in rules.columns if not column.clock)
+        source = FieldSource(bag, name, topics)
         return importing.records(source, robot, rules, bag.path.name, judge)
     signals, notes = gap_topics.read(bag, robot, rules.namespace, rules.base_pose)
     signals = tracks.without(signals, rules.missing, notes)

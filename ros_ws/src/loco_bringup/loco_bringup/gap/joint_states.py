@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -35,7 +36,9 @@ class Layout:
     values: list[dict[str, np.ndarray]] = field(default_factory=list)
 
 
-def tracks(bag: Bag, topic: str, roles: dict[str, str], notes: list[str]) -> list[Track]:
+def tracks(
+    bag: Bag, topic: str, roles: dict[str, str], notes: list[str], which: str = ""
+) -> list[Track]:
     """Signals of a topic, one per joint and field of its messages.
 
     Several publishers may send different joints or fields on one topic.
@@ -45,6 +48,7 @@ def tracks(bag: Bag, topic: str, roles: dict[str, str], notes: list[str]) -> lis
         topic: Topic of JointState.
         roles: Roles of the signals by field.
         notes: List to which sentences on clocks and publishers are appended.
+        which: Clock of the messages, as in `clock`.
 
     Raises:
         BagError: Messages are damaged, or a joint occurs in messages with different joint lists.
@@ -61,7 +65,7 @@ def tracks(bag: Bag, topic: str, roles: dict[str, str], notes: list[str]) -> lis
         for group in publishers.values():
             rows = np.sort(np.concatenate([layout.rows for layout in group]))
             t = np.full(len(data), np.nan)
-            t[rows] = clock(stamps[rows], logged[rows], topic, notes)
+            t[rows] = clock(stamps[rows], logged[rows], topic, notes, which)
             result += _of_publisher(group, t, topic, roles)
     except LocoError as error:
         text = str(error)
@@ -161,6 +165,23 @@ def _of_publisher(
     return result
 
 
+def common_clock(times: Sequence[tuple[np.ndarray, np.ndarray]]) -> str:
+    """Clock that topics have in common, one of `mapping.CLOCKS`; empty for their stamps.
+
+    Topics that were recorded together may have stamps that are not: of a simulation and of the
+    computer, or none beside others.
+
+    Args:
+        times: Stamps and log times of the messages of each topic [ns], all 0 without stamps.
+    """
+    both = [(stamps if np.any(stamps) else logged, logged) for stamps, logged in times]
+    if not both or not all(len(logged) for _, logged in both):
+        return ""
+    last, first = (np.array([[f(x) for x in pair] for pair in both]) for f in (np.max, np.min))
+    stamped, logged = first.max(axis=0) > last.min(axis=0)
+    return "log" if stamped and not logged else ""
+
+
 def clock(
     stamps: np.ndarray, logged: np.ndarray, topic: str, notes: list[str], which: str = ""
 ) -> np.ndarray:
@@ -183,7 +204,8 @@ def clock(
         return logged / 1e9
     late = 1e-6 * np.median(logged - stamps)  # [ms]
     if which in ("log", "receive"):
-        add_note(notes, Doubt(f"{topic} goes by the log's clock, {late:.1f} ms after its stamps"))
+        after = f"{late:.1f} ms" if abs(late) < 1e4 else f"{1e-3 * late:.6g} s"
+        add_note(notes, Doubt(f"{topic} goes by the log's clock, {after} after its stamps"))
         return logged / 1e9
     if abs(late) > 1.0:
         add_note(notes, Doubt(f"{topic} was logged {late:.1f} ms after its stamps"))

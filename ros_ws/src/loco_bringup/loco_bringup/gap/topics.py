@@ -4,13 +4,15 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from loco_control.exceptions import BagError
+from loco_control.ros.messages.joint_codec import stamp_ns
 from loco_learning.gap.recordings import mapping
 from loco_learning.gap.recordings.record import Doubt
-from loco_learning.gap.recordings.tracks import AXES, Track
+from loco_learning.gap.recordings.tracks import AXES, Track, joint_names
 from loco_sim.robot.robot import Robot
 
 from ..bag.reader import Bag, seconds
@@ -43,7 +45,7 @@ def read(bag: Bag, robot: Robot, namespace: str, base_pose: bool) -> tuple[list[
         tracks, notes = _own_messages(bag, prefix, robot), []
     else:
         tracks, notes = _standard(bag, prefix)
-        tracks = _own_joints(tracks, robot, notes)
+        tracks = _own_joints(_renamed(tracks, robot, notes), robot, notes)
     if base_pose:
         if not _has(bag, prefix + ODOMETRY, "nav_msgs/msg/Odometry"):
             raise BagError(f"{bag.path.name} has no {prefix}{ODOMETRY}, asked for by base_pose")
@@ -112,12 +114,33 @@ def _standard(bag: Bag, prefix: str) -> tuple[list[Track], list[str]]:
             f"has {', '.join(sorted(bag.topics))} ({how_to_map(bag)})"
         )
     notes: list[str] = []
-    tracks = joint_states.tracks(bag, prefix + STATES, FIELDS, notes)
     commands = {field: f"command_{kind}" for field, kind in COMMANDS.items()}
-    tracks += joint_states.tracks(bag, prefix + COMMAND, commands, notes)
+    messages = [bag.raw(prefix + topic) for topic in (STATES, COMMAND)]
+    which = joint_states.common_clock(
+        [(np.array([stamp_ns(message) for message in data]), logged) for logged, data in messages]
+    )
+    tracks = joint_states.tracks(bag, prefix + STATES, FIELDS, notes, which)
+    tracks += joint_states.tracks(bag, prefix + COMMAND, commands, notes, which)
     if _has(bag, prefix + IMU, "sensor_msgs/msg/Imu"):
         tracks += _imu(bag, prefix + IMU)
     return tracks, notes
+
+
+def _renamed(tracks: list[Track], robot: Robot, notes: list[str]) -> list[Track]:
+    """Tracks named as the robot's joints, if one prefix or suffix tells all names apart.
+
+    Either the recording has it, as several arms do in one graph, or the model.
+    """
+    found = {k.place for k in tracks if k.role in ROLES_OF_JOINTS}
+    if set(robot.joints) <= found:
+        return tracks
+    names = joint_names(found, robot.joints)
+    if not names:
+        return tracks
+    listed = ", ".join(f"{name} as {joint}" for name, joint in names.items() if name != joint)
+    notes.append(f"joints are read by the names of the model: {listed}")
+    return [replace(k, place=names.get(k.place, k.place)) if k.role in ROLES_OF_JOINTS else k
+            for k in tracks]  # fmt: skip
 
 
 def _own_joints(tracks: list[Track], robot: Robot, notes: list[str]) -> list[Track]:

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -11,10 +12,12 @@ from loco_control.exceptions import ParameterError
 from loco_sim.robot.robot import Robot
 
 from ..recordings.mapping import ROLES
+from ..recordings.record import JOINT_SIGNALS, WIDTHS, Doubt
 from ..recordings.tracks import Track
 
 MIN_SAMPLES = 50
 MIN_DURATION = 0.25  # [s]
+_MEASURED = (*JOINT_SIGNALS, *WIDTHS, "grf")
 REQUIRED = ("q", "command_position", "command_velocity", "command_torque")
 
 
@@ -76,34 +79,52 @@ def _commanded(name: str, joint: str, present: set[tuple[str, str]], robot: Robo
 def measured(name: str, tracks: Sequence[Track], notes: list[str]) -> list[Track]:
     """Tracks that have values; one of NaN only, or of a rate or torque of 0, was not measured.
 
+    Drivers write NaN where they read nothing: such readings of what was measured are left out.
+
     Raises:
-        ParameterError: Some values are not finite, or a required track has no finite value.
+        ParameterError: Commands, stamps or infinite values are not numbers, or a required track has
+            no value.
     """
     retained = []
     for track in tracks:
         nan = ~np.isfinite(track.x) | ~np.isfinite(track.t)
+        no_reading = np.isnan(track.x) & np.isfinite(track.t) & (track.role in _MEASURED)
         if track.role in ("dq", "tau") and len(track.x) and not track.x.any():
             notes.append(f"{track.label} is 0 all the time and counts as not measured")
-        elif len(track.x) and not nan.any():
-            retained.append(track)
-            if track.empty:
-                notes.append(
-                    f"{track.label}: {len(track.x)} readings, each on its own stamp; "
-                    f"{track.empty} empty cells are none"
-                )
         elif nan.all() and track.role not in REQUIRED:
             notes.append(f"{track.label} has no values and counts as not measured")
         elif nan.all():
-            what = "only NaN" if len(nan) else "no samples in the rows and times asked for"
-            raise ParameterError(f"{name}: {track.label} has {what} ({track.source})")
-        else:
+            raise ParameterError(_no_values(name, track))
+        elif (nan & ~no_reading).any():
+            nan &= ~no_reading
             row = int(np.argmax(nan))
             what = "values" if np.isfinite(track.t[row]) else "stamps"
             raise ParameterError(
                 f"{name}: {track.label} has {int(nan.sum())} {what} of {len(nan)} that are NaN or "
                 f"infinite, the first in row {row} ({track.source}); leave those rows out"
             )
+        else:
+            if nan.any():
+                count = f"{int(nan.sum()):,} of {len(nan):,}"
+                notes.append(Doubt(f"{track.label}: {count} readings are NaN and count as none"))
+            retained.append(replace(track, t=track.t[~nan], x=track.x[~nan]))
+            if track.empty:
+                notes.append(
+                    f"{track.label}: {len(track.x)} readings, each on its own stamp; "
+                    f"{track.empty} empty cells are none"
+                )
     return retained
+
+
+def _no_values(name: str, track: Track) -> str:
+    """Message for a required signal without a number."""
+    if not len(track.x):
+        what, hint = "no samples in the rows and times asked for", ""
+    else:
+        what = "only NaN"
+        hint = f"; if it was not connected and never moved, add to robot.yaml: locked: " \
+               f"{{{track.place}: 0}}" if track.role == "q" else ""  # fmt: skip
+    return f"{name}: {track.label} has {what} ({track.source}){hint}"
 
 
 def moving(name: str, tracks: Sequence[Track]) -> None:

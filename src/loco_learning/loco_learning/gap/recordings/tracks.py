@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 from typing import Protocol
 
@@ -207,6 +207,21 @@ def correct(tracks: Sequence[Track], mends: Sequence[Mend]) -> list[Track]:
             if mend.other:
                 renamed[i] = mend.other
     return _renamed(result, renamed)
+
+
+def joint_names(recorded: Collection[str], joints: Sequence[str]) -> dict[str, str]:
+    """Joints of a robot by their names in a recording, which differ by one prefix and suffix.
+
+    Either side may have them. Empty if the recording lacks a joint, or has several such groups.
+    """
+    first = joints[0] if joints else ""
+    longer = {tuple(name.split(first, 1)) for name in recorded if first and first in name}
+    shorter = {tuple(first.split(name, 1)) for name in recorded if name and name in first}
+    options = [{f"{a}{joint}{b}": joint for joint in joints} for a, b in longer]
+    options += [{joint.removeprefix(a).removesuffix(b): joint for joint in joints}
+                for a, b in shorter]  # fmt: skip
+    options = [names for names in options if names.keys() <= set(recorded)]
+    return options[0] if len(options) == 1 else {}
 
 
 def _renamed(tracks: Sequence[Track], names: dict[int, str]) -> list[Track]:

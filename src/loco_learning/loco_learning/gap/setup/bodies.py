@@ -4,12 +4,14 @@
 from __future__ import annotations
 
 import itertools
+import xml.etree.ElementTree as ET
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
 from scipy.optimize import least_squares
 
+from loco_sim.foreign import units as described
 from loco_sim.robot.clearance import SLIDES
 from loco_sim.robot.description import Description
 from loco_sim.robot.servo import ImpedanceDrive
@@ -174,6 +176,21 @@ def gravity(bench: Bench) -> list[Finding]:
         return tilt or findings
     return [replace(tilt[0], fault="gravity carried", says=f"{note}; or {tilt[0].says}",
                     mends=no_gravity, others=(tilted(orientation),))]  # fmt: skip
+
+
+def inertias(bench: Bench) -> list[Finding]:
+    """Finding of inertias of the description in another unit, with masses in g or in kg."""
+    root = ET.fromstring(bench.robot.urdf)
+    if bench.free:
+        return []
+    masses, unit, by = described.factors(root, bench.robot.folder)
+    text = Description(bench.robot.urdf)
+    links = [text.child(joint) for joint in bench.robot.joints]
+    fix = tuple(Change(MODEL, f"bodies.{link}.inertia", masses / by) for link in links)
+    fix += heavier(bench, 1.0 / masses) if masses > 1.0 else ()
+    what = f"masses are in g, and inertias in {unit}" if masses > 1.0 else f"inertias are in {unit}"
+    note = f"{what}: no bodies of that size have as much"
+    return bench.settled("inertias", (), note, [fix], total=True) if unit else []
 
 
 def weights(bench: Bench) -> list[Finding]:

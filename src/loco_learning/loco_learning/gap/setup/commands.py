@@ -13,7 +13,7 @@ from loco_sim.robot.description import Description
 from ..recordings import units
 from . import suspect
 from .bench import Bench, Trial
-from .finding import JOINT, MAPPING, SCALE, SIGN, UNIT, Change, Finding, roles_of, unit_of
+from .finding import JOINT, MAPPING, OFFSET, SCALE, SIGN, UNIT, Change, Finding, roles_of, unit_of
 from .limits import LIMITS
 
 MEASURED = ("q", "tau", "command")  # columns with a mistake in common, see `lines`
@@ -66,8 +66,22 @@ def scale(bench: Bench) -> list[Finding]:
                 f"(correlation {corr:.3f}): {what}")  # fmt: skip
         fixes = [lines(bench, joint, *((UNIT, names[of]) if names[of] else (SCALE, by)), of)
                 for of, by in (("q", 1.0 / ratio), ("command", ratio))]  # fmt: skip
-        findings += bench.settled("scale", (joint,), note, fixes)
+        new = bench.settled("scale", (joint,), note, fixes)
+        if not new and fixes[1]:  # as of an action, which begins at a posture
+            zero = Change(MAPPING, OFFSET, _centre(bench, joint, ratio), fixes[1][0].role, joint)
+            new = bench.settled("scale", (joint,), f"{note}, with another zero",
+                                [(*fixes[1], zero)])  # fmt: skip
+        findings += new
     return findings
+
+
+def _centre(bench: Bench, joint: str, ratio: float) -> float:
+    """Position at which a joint is, on average, less that which its scaled commands ask for."""
+    trial = bench.told()
+    i = trial.joints.index(joint)
+    pairs = zip(trial.measured, trial.said, strict=True)
+    means = [np.nanmean(q[:, i]) - ratio * np.nanmean(command[:, i]) for q, command in pairs]
+    return round(float(np.mean(means)), 4)
 
 
 def lines(bench: Bench, joint: str, key: str, value: float, of: str) -> tuple[Change, ...]:

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import itertools
+import re
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import cache, partial
@@ -21,12 +22,14 @@ from .finding import Change, Finding
 from .limits import LIMITS
 
 TESTS = (
-    bodies.drafted, signals.turns, commands.exchanged, torques.renamed, commands.sign,
-    commands.scale, bodies.drafted, signals.ahead, torques.inclined, torques.commanded,
+    bodies.inertias, bodies.drafted, signals.turns, signals.relative, commands.exchanged,
+    torques.renamed, commands.sign, commands.scale, bodies.drafted, signals.ahead, torques.inclined,
+    torques.commanded,
 )  # fmt: skip
 OF_TORQUES = (
     torques.exchanged, torques.zeros, torques.reversed_torques, torques.effort, torques.inclined,
 )  # fmt: skip
+NUMBER = re.compile(r"-?\d+(\.\d+)?(e[-+]?\d+)?")
 OF_RANGE = ("unit", "turns")  # faults that a range of angles may tell by mistake
 OF_MOTION = {"q", "dq", "command_position", "command_velocity"}
 RUNS = (bodies.axis, bodies.joint_scale, bodies.gravity, bodies.weights, bodies.gains)
@@ -68,7 +71,7 @@ def _refuted(finding: Finding, bench_of: Callable[[], Bench], record: Record) ->
     without measured velocity is within the velocity limits of the URDF.
     """
     roles, joints = {change.role for change in finding.mends}, finding.joints
-    if finding.fault not in OF_RANGE or roles - OF_MOTION:
+    if finding.fault not in OF_RANGE or roles - OF_MOTION or roles == {"dq"}:
         return False
     bench = bench_of()
     if bench.free or not bench.possible:
@@ -97,13 +100,24 @@ def best(bench: Bench) -> list[Finding]:
     new = [] if bench.fits else [finding for test in RUNS for finding in test(bench)]
     rows = sorted(((bench.miss(*finding.mends), k) for k, finding in enumerate(new)))
     if not rows or any(
-        least(bench) < LIMITS.alike * rows[0][0] for least in (bodies.misread, bodies.saturated)
+        least(bench) < LIMITS.consistent * rows[0][0]
+        for least in (bodies.misread, bodies.saturated)
     ):
         return []  # a sensor whose zero or gain is off, or a motor that saturates: to the search
     lowest, first = rows[0][0], new[rows[0][1]]
-    ties = [new[k] for miss, k in rows[1:] if miss < LIMITS.alike * lowest + 1e-3]
+    ties = [new[k] for miss, k in rows[1:] if miss < LIMITS.consistent * lowest + 1e-3]
     options = [fix for finding in ties for fix in (finding.mends, *finding.others)]
     return [replace(first, others=tuple(dict.fromkeys((*first.others, *options))))]
+
+
+def _consistent(findings: Sequence[Finding]) -> bool:
+    """Whether the numbers in the lines of findings are those of one cause."""
+    for changes in zip(*(finding.mends for finding in findings), strict=True):
+        if isinstance(changes[0].value, float):
+            low, *_, high = sorted(abs(change.value) for change in (*changes, changes[0]))
+            if high > np.exp(suspect.RATIO_NEAR) * low:
+                return False
+    return True
 
 
 def of_signals(model: Model, records: Sequence[Record]) -> list[Finding]:
@@ -120,14 +134,18 @@ def of_signals(model: Model, records: Sequence[Record]) -> list[Finding]:
         for finding in itertools.chain(*signal_findings, of_units):
             if _refuted(finding, bench_of, record):
                 continue
-            wraps = finding.fault == "wrap"  # the period is estimated in each record
-            key = finding.joints, "wrap" if wraps else finding.mends or finding.says
+            # Numbers are estimated in each record, as are periods of a wrap.
+            lines_of = tuple(replace(c, value=0.0) if isinstance(c.value, float) else c
+                             for c in finding.mends)  # fmt: skip
+            wraps, text = finding.fault == "wrap", NUMBER.sub("", finding.says)
+            key = finding.joints, "wrap" if wraps else lines_of or text
             by_key.setdefault(key, {})[record.name] = finding
     findings, lines = [], set[Change]()
     for rows in by_key.values():
         names, finding = list(rows), next(iter(rows.values()))
         note = f"{', '.join(names)}: {finding.says}"
-        if len(names) < len(records) and finding.fault != "wrap":  # which is harmless for others
+        consistent = len(names) == len(records) and _consistent(list(rows.values()))
+        if not consistent and finding.fault != "wrap":  # which is harmless for others
             findings.append(replace(finding, says=note, mends=()))
             continue
         new = tuple(c for c in finding.mends if c not in lines)  # two signals may tell the same

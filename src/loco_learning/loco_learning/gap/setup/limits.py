@@ -49,8 +49,11 @@ class Limits:
             moves there; and ratio of a motion to its command from which on it follows.
         apart_by: Ratio of scales of two parts of a recording that have different units.
         leap: Step of a position over the usual largest that moves its zero.
+        no_torque: Torque over its root mean square below which a drive gives none (taste).
+        pause: Shortest time without torques that is told [s] (taste).
         early: Lead of a motion over its command that is impossible [samples].
         common: Largest distance of the delays of two commands that are late by one time, over it.
+        soon: Longest delay of a rate after a command that it follows [s] (taste).
         same: Distance of q from its command over that of the model, below which both are the same.
         exact: Correlation of efforts and drive torques that differ by a factor alone.
         effort: Ratio above which an effort is in another unit.
@@ -97,8 +100,11 @@ class Limits:
     share: float = 0.2
     apart_by: float = 3.0
     leap: float = 3.0
+    no_torque: float = 0.1
+    pause: float = 0.1
     early: float = 0.5
     common: float = 0.25
+    soon: float = 0.1
     same: float = 0.05
     exact: float = 0.99
     effort: float = 1.12

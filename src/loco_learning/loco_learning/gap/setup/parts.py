@@ -8,6 +8,7 @@ from dataclasses import replace
 from functools import cache, partial
 
 import numpy as np
+from scipy.ndimage import uniform_filter1d
 
 from loco_control.exceptions import LocoError
 from loco_sim.bolted.loop import needs_engine
@@ -36,6 +37,15 @@ def changed(model: Model, record: Record) -> Iterator[Finding]:
     against its command, is no mistake; without a simulation nothing is told.
     """
     robot, command = model.make_robot(record.overrides), record.command.get("position")
+    stretch = _without_torque(record)
+    if stretch is not None:
+        since, until = record.t[stretch[0]], record.t[stretch[1] - 1]
+        text = f"{record.name}: from {since:.2f} to {until:.2f} s measured torques are 0 while " \
+               "joints depart from their commands: the drives were off, as in an emergency stop; " \
+               "leave that part out (records: from, to in a mapping), or give a column the role " \
+               "enable"  # fmt: skip
+        yield Finding("part", (), text)
+        return
     wrapped = {joint for finding in signals.wraps(record, robot) for joint in finding.joints}
     predicted = cache(partial(_predicted, model, record))
     for i, joint in enumerate(record.driven if command is not None else ()):
@@ -50,6 +60,37 @@ def changed(model: Model, record: Record) -> Iterator[Finding]:
         if change:
             since = f"{record.name}: from {record.t[row]:.2f} s (row {row}) on, q of {joint}"
             yield Finding("part", (joint,), f"{since} {change.format(by)}")
+
+
+def _without_torque(record: Record) -> tuple[int, int] | None:
+    """First row, and row after the last, of a stretch in which no drive gives its torque.
+
+    The torques of all joints are next to nothing, and joints are farther from their commands than
+    else.
+    """
+    command, joints = record.command.get("position"), list(record.driven)
+    if command is None or "enable" in record.inputs or not set(joints) <= set(record.joints):
+        return None
+    if not joints or not record.has("tau"):
+        return None
+    columns = [record.joints.index(joint) for joint in joints]
+    tau, q = (bridged(record.signals[role][:, columns]) for role in ("tau", "q"))
+    if not np.isfinite(tau).all() or not np.isfinite(q).all():
+        return None
+    width = max(round(LIMITS.pause / record.dt), 1)
+    size = uniform_filter1d(np.abs(tau), width, axis=0)
+    torque_free = (size < LIMITS.no_torque * np.percentile(size, 90.0, axis=0)).all(axis=1)
+    torque_free = np.concatenate([[0], torque_free, [0]])
+    starts, stops = (np.flatnonzero(np.diff(torque_free) == step) for step in (1, -1))
+    if not len(starts):
+        return None
+    k = int(np.argmax(stops - starts))
+    rows = slice(max(int(starts[k]) - width // 2, 0), min(int(stops[k]) + width // 2, len(tau)))
+    if rows.stop - rows.start < max(LIMITS.samples, 2 * width):
+        return None
+    error = (command - q) ** 2
+    inside, outside = np.mean(error[rows], axis=0), np.mean(np.delete(error, rows, axis=0), axis=0)
+    return (rows.start, rows.stop) if np.mean(inside / outside) > 1.0 else None
 
 
 def _predicted(model: Model, record: Record) -> dict[str, np.ndarray]:
@@ -83,6 +124,8 @@ def _change(c: np.ndarray, q: np.ndarray, dt: float) -> tuple[int, str, float]:
         return 0, "", 0.0
     if min(abs(before[0]), abs(after[0])) < LIMITS.share:
         return 0, "", 0.0  # it hardly follows its command in one of the parts
+    if max(_missed(c, q, dt, part) for part in (slice(row), slice(row, None))) > LIMITS.left:
+        return 0, "", 0.0  # in one of the parts it moves otherwise than by its command
     by = after[0] / before[0]
     jump, steps = float(np.array([c[row], 0.0, 1.0]) @ (after - before)), np.abs(np.diff(q))
     leap = float(np.max(steps[max(row - 2, 0) : row + 2]))
@@ -114,6 +157,18 @@ def _stuck(c: np.ndarray, q: np.ndarray) -> int | None:
     return int(starts[k]) if np.corrcoef(*outside)[0, 1] ** 2 > LIMITS.against**2 else None
 
 
+def _regressors(c: np.ndarray, dt: float) -> np.ndarray:
+    """A command, its rate and a constant, (T, 3)."""
+    return np.stack([c, np.nan_to_num(lags.rates(c, dt)), np.ones(len(c))], axis=1)
+
+
+def _missed(c: np.ndarray, q: np.ndarray, dt: float, part: slice) -> float:
+    """Error of a fit of q by c, its rate and a constant in a part, over the deviation of q."""
+    table, y = _regressors(c, dt)[part], q[part]
+    by = np.linalg.lstsq(table, y, rcond=None)[0]
+    return float(np.std(y - table @ by) / max(float(np.std(y)), 1e-12))
+
+
 def _split(c: np.ndarray, q: np.ndarray, dt: float) -> tuple[int, float, np.ndarray]:
     """Row at which a fit of q by c, its rate and a constant changes most.
 
@@ -121,7 +176,7 @@ def _split(c: np.ndarray, q: np.ndarray, dt: float) -> tuple[int, float, np.ndar
         The row, 0 if there are too few; squared error of both parts over that of one fit; and the
         coefficients before and after, (2, 3).
     """
-    table = np.stack([c, np.nan_to_num(lags.rates(c, dt)), np.ones(len(c))], axis=1)
+    table = _regressors(c, dt)
     size = np.maximum(np.std(table, axis=0), 1e-12)
     size[2] = 1.0
     x = table / size

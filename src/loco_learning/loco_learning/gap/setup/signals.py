@@ -96,6 +96,46 @@ def turns(bench: Bench) -> list[Finding]:
     return findings
 
 
+def relative(bench: Bench) -> list[Finding]:
+    """Finding of joints whose rate follows their commanded position, as that of no model does.
+
+    Such a command is a change of the position, as the actions of many learnt policies are.
+    """
+    joints, corr = list[str](), dict[str, float]()
+    for joint in bench().joints if not (bench.led or bench.free) else ():
+        measured, simulated = (min(each) for each in zip(*_of_rates(bench, joint), strict=True))
+        if measured > LIMITS.follows and measured - simulated > LIMITS.apart:
+            if bench().miss([joint]) > LIMITS.left:
+                joints.append(joint)
+                corr[joint] = measured
+    if not joints:
+        return []
+    text = (f"the rate of {', '.join(joints)} follows the commanded position (correlation "
+            f"{min(corr.values()):.2f}): the command is a change of the position, as a delta "
+            "action, or a velocity; write the position that the drive was told into the recording, "
+            "or give it the role command_velocity")  # fmt: skip
+    return [Finding("relative", tuple(joints), text)]
+
+
+def _of_rates(bench: Bench, joint: str) -> Iterator[tuple[float, float]]:
+    """Correlations of the rate of a joint, measured and simulated, with its position command.
+
+    At the best delay up to `LIMITS.soon`, for each record; -1 for one that is not commanded.
+    """
+    run = bench()
+    for record, model_q in zip(bench.told_records(), run.said, strict=True):
+        command = record.command.get("position")
+        if command is None or joint not in record.driven:
+            yield -1.0, -1.0
+            continue
+        command_q = command[:, record.driven.index(joint)]
+        q = record.signals["q"][:, record.joints.index(joint)], model_q[:, run.joints.index(joint)]
+        measured, simulated = (lags.rates(bridged(x), record.dt) for x in q)
+        shifts = range(1 + round(LIMITS.soon / record.dt))
+        yield tuple(max(suspect.slope(command_q[: len(command_q) - k], rate[k:])[1] for k in shifts)
+                    for rate in (measured, simulated))  # fmt: skip
+
+
 def ahead(bench: Bench) -> list[Finding]:
     """Findings of joints whose motion precedes their command: the command was measured as well.
 

@@ -37,6 +37,9 @@ TENTH = 0.3  # largest distance of a ratio to a power of ten [log]: friction and
 RATIO_FAR = 3.0  # ratio that no effect causes
 # The same of signals with this correlation; gains of 30 % too much and too little make 1.86.
 RATIO_CLEAR, CLEAR = 1.9, 0.99
+SMOOTH = 0.5  # largest difference of neighbours over the deviation of a course (taste)
+UNRELATED = 0.5  # correlation below which a velocity is none of its position (taste)
+DELAYED = 3  # longest delay of a velocity that is tried [samples of 30 ms] (taste)
 BELIEVE = "; if it is right as it is, say trust_units: true in the mapping"
 
 # Measured velocity over the derivative of the angle, and what it means.
@@ -181,18 +184,33 @@ def _smooth(x: np.ndarray, width: int) -> np.ndarray:
 
 def _speeds(record: Record, joint: str) -> tuple[float, float]:
     """Ratio of the measured velocity to the derivative of the position, and their correlation."""
+    speeds = _both_speeds(record, joint)
+    return slope(*speeds) if speeds else (1.0, 0.0)
+
+
+def _both_speeds(record: Record, joint: str) -> tuple[np.ndarray, np.ndarray] | None:
+    """Means of the derivative of the position and of the measured velocity, (K,) each.
+
+    None if one is not measured, or if hardly two samples a radian were: then no difference or mean
+    is of the motion.
+    """
     dq, q = _of(record, "dq", joint), _of(record, "q", joint)
     rows = [] if dq is None or q is None else np.flatnonzero(np.isfinite(q))  # some in a slow log
     if len(rows) < 2:
-        return 1.0, 0.0
+        return None
     step = spacing(rows)
     pairs = rows[:-1][np.diff(rows) == step]  # no pauses
     dt, steps = step * record.dt, (q[pairs + step] - q[pairs]) / (step * record.dt)
     width = max(1, min(round(0.03 / dt), len(pairs) // 40))
     speeds = _smooth(steps, width)
-    if width == 1 and np.std(np.diff(speeds)) > np.std(speeds):
-        return 1.0, 0.0  # hardly two samples a radian: no difference or mean is of the motion
-    return slope(speeds, _smooth(0.5 * (dq[pairs] + dq[pairs + step]), width))
+    if width == 1 and not _is_smooth(speeds, 1.0):
+        return None
+    return speeds, _smooth(0.5 * (dq[pairs] + dq[pairs + step]), width)
+
+
+def _is_smooth(x: np.ndarray, limit: float) -> bool:
+    """Whether neighbours differ by less than a share of the deviation: no noise, but a course."""
+    return bool(np.std(np.diff(x)) <= limit * np.std(x))
 
 
 def _velocity(
@@ -204,6 +222,7 @@ def _velocity(
     """
     (ratio, correlation), q = _speeds(record, joint), _of(record, "q", joint)
     if abs(correlation) < 0.8:
+        yield from _unrelated(record, joint)
         return
     by = abs(ratio)
     if turning and _outside(q, joint, description) and not _outside(by * q, joint, description):
@@ -238,6 +257,22 @@ def _velocity(
             f"(time: {{scale: {1.0 / ratio:.4g}}})")  # fmt: skip
         yield _of_unit(f"dq of {joint} is {ratio:.3g} times the derivative of q: a wrong scale of "
                        f"one{clock}", joint, "dq", SCALE, right / ratio)  # fmt: skip
+
+
+def _unrelated(record: Record, joint: str) -> Iterator[Finding]:
+    """A measured velocity with a course of its own, at no delay that of the position."""
+    speeds = _both_speeds(record, joint)
+    if speeds is None or not all(len(x) > 20 and _is_smooth(x, SMOOTH) for x in speeds):
+        return
+    derivative, dq = speeds
+    shifts = range(-DELAYED, DELAYED + 1)
+    corr = max((slope(derivative[DELAYED:-DELAYED], np.roll(dq, k)[DELAYED:-DELAYED])[1]
+                for k in shifts), key=abs)  # fmt: skip
+    same = slope(_of(record, "q", joint), _of(record, "dq", joint))[1] > CLEAR
+    if same or abs(corr) < UNRELATED:
+        what = "but a multiple of q" if same else f"correlation {corr:.2f} at the best delay"
+        yield _of_unit(f"dq of {joint} is not the derivative of q, {what}: name its column, or "
+                       "leave it out of the mapping", joint)  # fmt: skip
 
 
 def _unit_of_angle(by: float) -> tuple[str, str, Any]:

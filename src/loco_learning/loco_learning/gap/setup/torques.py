@@ -335,9 +335,14 @@ def zeros(bench: Bench) -> list[Finding]:
         return [Finding("zero", (joint,), note)]
     note += f" with {np.degrees(offset):+.0f} degrees on q: the zero of the log is not that of " \
             "the URDF"  # fmt: skip
+    i = torques.robot.joints.index(joint)
+    error = np.nan_to_num(np.median(torques.commands[:, i, 1]))  # of the command, less q
+    # The command has the zero of q if both keep together: else q is as far away as its zero.
+    own_zero = abs(_angle(error)) > abs(_angle(error - offset))
     roles = {of for record in bench.whole()[1] for of in roles_of(record, joint)}
     lines = tuple(Change(MAPPING, OFFSET, round(offset, 3), of, joint)
-                  for of in ("q", "command_position") if of in roles)  # fmt: skip
+                  for of in (("q",) if own_zero else ("q", "command_position"))
+                  if of in roles)  # fmt: skip
     sign = ((Change(MAPPING, SIGN, -1, role, joint),),)
     finding = Finding("zero", (joint,), note, lines, sign * (opposite < after * LIMITS.alike))
     return [finding, *zeros(bench.mended(lines))]
@@ -362,9 +367,14 @@ def _zeros(torques: Torques, joint: int, torque: np.ndarray) -> dict[str, tuple[
         nearest = min(np.arange(-np.pi, np.pi, APART), key=left)
         bracket, fine = (nearest - APART, nearest + APART), {"xatol": 1e-3}
         best = minimize_scalar(left, bounds=bracket, method="bounded", options=fine)
-        offset = (float(best.x) + np.pi) % (2.0 * np.pi) - np.pi
-        fits[names[base] if base is not None else ""] = max(float(best.fun), FINEST), offset
+        after = max(float(best.fun), FINEST)
+        fits[names[base] if base is not None else ""] = after, _angle(float(best.x))
     return fits
+
+
+def _angle(x: float) -> float:
+    """The angle between -π and π that differs by whole turns [rad]."""
+    return (x + np.pi) % (2.0 * np.pi) - np.pi
 
 
 def reversed_torques(bench: Bench) -> list[Finding]:

@@ -4,10 +4,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Sequence
+from dataclasses import replace
 from typing import Any
 
 from loco_learning.gap.drafting import words
 from loco_learning.gap.drafting.draft import JOINT, Line, written
+from loco_learning.gap.recordings.tracks import joint_names
 
 from ...bag.reader import Bag
 
@@ -36,6 +38,8 @@ def of_bag(bag: Bag, joints: Sequence[str], passive: Collection[str] = ()) -> st
         if reader and topic.count:
             for message in first_messages(bag, name):
                 lines += [x for x in reader(name, message, joints) if x not in lines]
+    names = joint_names({line.joint for line in lines if line.key == JOINT}, joints)
+    lines = [replace(line, joint=names.get(line.joint, line.joint)) for line in lines]
     order = {joint: row for row, joint in enumerate(joints)}
     retained = [line for line in lines if not joints or line.joint in order or line.key != JOINT]
     strangers = dict.fromkeys(line.joint for line in lines if line not in retained)
