@@ -175,6 +175,21 @@ class Records:
         return self
 
 
+@pytest.mark.parametrize(
+    ("sizes", "differs"),
+    [((0.0, 0.0, 300.0), True), ((90.0, 0.0, 2.0), True), ((50.0, 20.0, 90.0), False),
+     ((0.0, 0.0, 3.0), False)],
+)  # fmt: skip
+def test_a_recording_of_another_robot_is_told(sizes, differs):
+    """The load of a gripper, for example; errors that differ by less are those of the motions."""
+    names = ("chirp", "steps", "ramp")
+    said = stable.unlike(names, fitted(noise(sizes)))
+    assert bool(said) is differs
+    if differs:
+        loud = names[int(np.argmax(sizes))]
+        assert said[0].startswith(f"{loud} and ") and "was the robot, its load" in said[0]
+
+
 def test_the_record_that_is_left_out_judges_and_no_other(refitted):
     for judging in (0, 1):
         _, said = refitted(fitted(noise([0.0, 0.0]), RUBS), judging=judging)

@@ -12,7 +12,13 @@ from pathlib import Path
 
 import yaml
 
-from loco_control.exceptions import BagError, LocoError, MissingFileError, ParameterError
+from loco_control.exceptions import (
+    BagError,
+    LocoError,
+    MissingFileError,
+    NameUnknownError,
+    ParameterError,
+)
 from loco_control.files import write_whole
 from loco_control.reading import understood
 from loco_learning.gap.importing import align, importing, tables
@@ -189,7 +195,10 @@ def load(
             f"{path} needs a mapping that says what its columns are (--mapping, or a "
             f"{mapping.FILE} beside it); `loco gap mapping {path}` drafts one"
         )
-    return importing.load(path, robot, rules, judge)
+    try:
+        return importing.load(path, robot, rules, judge)
+    except NameUnknownError as error:  # as of a draft that was made for other recordings
+        raise ParameterError(f"{error}; {rules.path} names it") from None
 
 
 def mapping_of(path: Path, file: str | Path | None) -> Mapping | None:

@@ -17,7 +17,7 @@ from loco_control.exceptions import ParameterError
 from loco_sim.robot.robot import Robot
 
 from ..recordings import lags
-from ..recordings.clocks import cuts, series, slow, steady, ticks
+from ..recordings.clocks import cuts, series, slow, stale, steady, ticks
 from ..recordings.clocks.params import CUTS
 from ..recordings.record import COMMANDS, INPUTS, JOINT_SIGNALS, WIDTHS, Doubt, Record
 from ..recordings.tracks import AXES, Track, correct, followed
@@ -89,7 +89,7 @@ def record(
     if not trust_units:
         single = [track for track in tracks if not cuts.cut_rows([track])]
         series.single(name, [observe.unwrapped(track, robot, []) for track in single])
-    stamped = checks.measured(name, tracks, messages)
+    stamped = stale.fresh(checks.measured(name, tracks, messages), messages)
     tracks = steady.steadied(stamped, messages)
     delays = [np.ptp(old.t - new.t) for old, new in zip(stamped, tracks, strict=True)
               if new.role == "q"]  # fmt: skip

@@ -100,12 +100,12 @@ def best(bench: Bench) -> list[Finding]:
     new = [] if bench.fits else [finding for test in RUNS for finding in test(bench)]
     rows = sorted(((bench.miss(*finding.mends), k) for k, finding in enumerate(new)))
     if not rows or any(
-        least(bench) < LIMITS.consistent * rows[0][0]
+        least(bench) < LIMITS.alike * rows[0][0]
         for least in (bodies.misread, bodies.saturated)
     ):
         return []  # a sensor whose zero or gain is off, or a motor that saturates: to the search
     lowest, first = rows[0][0], new[rows[0][1]]
-    ties = [new[k] for miss, k in rows[1:] if miss < LIMITS.consistent * lowest + 1e-3]
+    ties = [new[k] for miss, k in rows[1:] if miss < LIMITS.alike * lowest + 1e-3]
     options = [fix for finding in ties for fix in (finding.mends, *finding.others)]
     return [replace(first, others=tuple(dict.fromkeys((*first.others, *options))))]
 

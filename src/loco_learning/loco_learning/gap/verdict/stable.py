@@ -22,6 +22,7 @@ from ..statistics import evidence
 
 SPLITS, STRETCHES, FLOORS = 3, 2, (0.5, 2.0)  # settings that are tested
 N_RIVALS = 2  # models of other names that are refitted
+UNLIKE = 10.0  # ratio of the errors of two recordings that one robot does not make (taste)
 REFIT = 6  # simulations of a refit, and 2 per parameter
 FLIPS = 3.0  # odds above which evidence is worth mentioning (Kass and Raftery 1995)
 
@@ -139,4 +140,24 @@ def alarms(table: Sequence[Row]) -> tuple[str, ...]:
     return (
         f"the name depends on a setting: with {row.vary} {row.setting!r} it has a probability of "
         f"{row.probability:.2g}, and {names} is more probable",
+    )
+
+
+def unlike(names: Sequence[str], model: Fitted) -> tuple[str, ...]:
+    """A sentence about recordings that a model misses far more than others; empty if none are.
+
+    Args:
+        names: Names of the recordings.
+        model: The model, with its errors in each recording.
+    """
+    errors = [float(np.sqrt(np.nanmean(np.square(each)))) for each in model.whole]
+    limit = UNLIKE * max(min(errors), 1.0)
+    missed = [name for name, error in zip(names, errors, strict=True) if error > limit]
+    if not missed:
+        return ()
+    others = [name for name in names if name not in missed]
+    return (
+        f"{', '.join(missed)} and {', '.join(others)} differ: the model leaves "
+        f"{max(errors):.3g} noise floors in one and {min(errors):.2g} in another; was the robot, "
+        "its load or its controller changed between them? Search in each group by itself",
     )

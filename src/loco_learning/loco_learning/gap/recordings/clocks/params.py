@@ -154,6 +154,26 @@ class TickParams:
     dropped: float = 0.144
 
 
-CUTS, LINES, SERIES, RATES, TICKS = (
-    CutParams(), LineParams(), SeriesParams(), SlowParams(), TickParams()
+@dataclass(frozen=True)
+class StaleParams:
+    """Limits above which rows of a log repeat readings of a slower rate.
+
+    Attributes:
+        fewest: Smallest number of readings [readings]. Taste.
+        uneven: Distance of the rows between two readings from the usual number, over it, above
+            which they are uneven. Taste: a reading is a row early or late where the rates are no
+            multiples of each other.
+        rare: Share of uneven distances, above which signals rest or are coarse. Taste.
+        varies: Deviation of the steps of a signal, over their mean, above which they are those of
+            a motion. Theory: 0 of an encoder that moves by one step at a time.
+    """
+
+    fewest: int = 20
+    uneven: float = 0.5
+    rare: float = 0.02
+    varies: float = 0.2
+
+
+CUTS, LINES, SERIES, RATES, TICKS, STALE = (
+    CutParams(), LineParams(), SeriesParams(), SlowParams(), TickParams(), StaleParams()
 )  # fmt: skip
