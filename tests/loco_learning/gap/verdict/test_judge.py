@@ -434,7 +434,9 @@ def test_values_on_their_bounds_lower_a_verdict_by_one_step(monkeypatch, explain
     monkeypatch.setattr(judge.stable, "rows", lambda *args: ["row"])
     monkeypatch.setattr(judge.stable, "alarms", lambda table: (f"of {len(table)}",))
     search = Some(params=Some(seed=0, free_spread=0.3), nominal={}, adequate=lambda m: False)
-    found = judge.judge(Some(loose=None), search, Some(base=base, given=base, models=[best]))
+    monkeypatch.setattr(judge.stable, "unlike", lambda records, model: ())
+    case = Some(loose=None, records=())
+    found = judge.judge(case, search, Some(base=base, given=base, models=[best]))
     assert found.decision.verdict == verdict
     assert ("More is missing: 3 of 4" in found.decision.evidence) is bool(crowd)
     assert found.decision.names == (() if verdict == UNKNOWN else (DRY,))

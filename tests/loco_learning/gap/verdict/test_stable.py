@@ -183,7 +183,7 @@ class Records:
 def test_a_recording_of_another_robot_is_told(sizes, differs):
     """The load of a gripper, for example; errors that differ by less are those of the motions."""
     names = ("chirp", "steps", "ramp")
-    said = stable.unlike(names, fitted(noise(sizes)))
+    said = stable.unlike(search().case.records, fitted(noise(sizes)))
     assert bool(said) is differs
     if differs:
         loud = names[int(np.argmax(sizes))]

@@ -135,7 +135,7 @@ def judge(case: Case, search: Search, pool: Pool) -> Outcome:
         *traded.implausible_values(after, search.nominal, search.params.free_spread),
         *traded.deviating_motion(case, after),
         *stable.alarms(result.over_settings),
-        *(stable.unlike([r.name for r in case.records], after) * (decision.verdict == UNKNOWN)),
+        *(stable.unlike(case.records, after) if decision.verdict == UNKNOWN else ()),
     )
     return replace(result, decision=decision, alarms=warnings)
 

@@ -18,6 +18,7 @@ from ..fitting.fit import Fitted, Setting, fit, weigh
 from ..prediction.case import Case
 from ..probability.weights import NO_EFFECT
 from ..probability.weights import weigh as weights_of
+from ..recordings.record import Record
 from ..statistics import evidence
 
 SPLITS, STRETCHES, FLOORS = 3, 2, (0.5, 2.0)  # settings that are tested
@@ -143,15 +144,15 @@ def alarms(table: Sequence[Row]) -> tuple[str, ...]:
     )
 
 
-def unlike(names: Sequence[str], model: Fitted) -> tuple[str, ...]:
+def unlike(records: Sequence[Record], model: Fitted) -> tuple[str, ...]:
     """A sentence about recordings that a model misses far more than others; empty if none are.
 
     Args:
-        names: Names of the recordings.
+        records: The recordings.
         model: The model, with its errors in each recording.
     """
     errors = [float(np.sqrt(np.nanmean(np.square(each)))) for each in model.whole]
-    limit = UNLIKE * max(min(errors), 1.0)
+    names, limit = [record.name for record in records], UNLIKE * max(min(errors), 1.0)
     missed = [name for name, error in zip(names, errors, strict=True) if error > limit]
     if not missed:
         return ()
