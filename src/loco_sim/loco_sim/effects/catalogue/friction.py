@@ -66,6 +66,11 @@ class OwnFriction(CoulombFriction):
         return (np.array(values),)
 
 
+# Largest Stribeck velocity over the largest measured speed, at which a ninth of the friction at rest
+# is lost (theory): less is Coulomb friction for these data.
+FALLS = 3.0
+
+
 def inherent(robot: Any) -> list[JointEffect]:
     """Effects that a robot itself has: limited set-points of its drives, and its dry friction."""
     speeds = {j: getattr(drive, "setpoint_speed", 0.0) for j, drive in robot.drives.items()}
@@ -99,11 +104,11 @@ class StribeckFriction(BrakeEffect, name="stribeck_friction"):
 
     @classmethod
     def offers(cls, robot: Any, signals: Sequence[str], motion: Motion) -> list[Offer]:
-        """At each joint, with Stribeck velocities within the measured speeds."""
-        fast = dict(zip(robot.joints, motion.fast, strict=False))
+        """At each joint, with Stribeck velocities up to `FALLS` times the measured speeds."""
+        highest = dict(zip(robot.joints, FALLS * np.asarray(motion.fast), strict=False))
         return [
             offer._replace(coordinates=tuple(
-                at_most(c, float(fast.get(offer.place, np.nan))) if c.name == "velocity" else c
+                at_most(c, float(highest.get(offer.place, np.nan))) if c.name == "velocity" else c
                 for c in offer.coordinates
             ))
             for offer in super().offers(robot, signals, motion)
