@@ -12,7 +12,7 @@ from .machines import MACHINES
 
 # One mistake of each kind that a pendulum with friction may have.
 MISTAKES = {m.faults: m for m in draw(7, 80) if m.machine == "pendulum"}
-RUBS = {"friction": 0.2}  # as large as it has to be for a name in 16 s of a pendulum
+RUBS = {"friction": 0.3}  # as large as it has to be for a name in 16 s of a pendulum
 PARAMS = GapParams(effects=("coulomb_friction", "viscous_friction", "payload"))
 
 
