@@ -81,11 +81,12 @@ def test_a_payload_may_sit_beside_the_centre_of_mass_of_a_link_that_turns():
 def test_friction_that_fades_loses_a_ninth_at_the_speed_that_a_joint_reached():
     """If it loses less, it is Coulomb friction in these data; a speed not known changes nothing.
 
-    On a Franka friction falls as at twice the speed reached; with a bound at that speed, springs
-    were its explanation.
+    On a Franka friction falls with the speed reached; with a bound there, it was explained by
+    springs.
     """
     arm, fast = robot.load("hyq", {"fixed_base": True}), np.full(12, np.nan)
     fast[:2] = 0.02, 500.0
+    fast[3:5] = 0.5, 4.0  # 1 rad/s is the largest usual velocity
     hints = Motion(np.zeros(12), np.zeros(12), fast=fast)
     offered = {o.place: o for o in EFFECTS["stribeck_friction"].offers(arm, ("q",), hints)}
     slow, quick, unknown = (offered[joint].coordinates[1] for joint in arm.joints[:3])
@@ -93,6 +94,8 @@ def test_friction_that_fades_loses_a_ninth_at_the_speed_that_a_joint_reached():
     assert math.exp(-((0.02 / slow.high) ** 2)) == pytest.approx(8 / 9, abs=0.01)
     assert all(slow.low < slow.value(x) <= slow.high for x in slow.start)
     assert quick == unknown and unknown.high == 100.0
+    usual, above = (offered[joint].coordinates[1].high for joint in arm.joints[3:5])
+    assert (usual, above) == (1.0, 4.0)
 
 
 @pytest.mark.parametrize(

@@ -68,8 +68,9 @@ def _channel(topic: str, kind: str, qos: str, data: list[bytes]) -> dict[str, An
 def joint_states() -> list[bytes]:
     """Serialised JointState messages of a swinging joint."""
     codec = JointCodec(("pivot",))
-    rows = [np.array([np.sin(0.1 * k)]) for k in range(60)]
-    return [codec.pack(0.01 * k, q, q, q) for k, q in enumerate(rows)]
+    turns = 0.1 * np.arange(60)[:, None]
+    rows = zip(np.sin(turns), 10.0 * np.cos(turns), strict=True)
+    return [codec.pack(0.01 * k, q, dq, q) for k, (q, dq) in enumerate(rows)]
 
 
 def _string(text: str) -> bytes:

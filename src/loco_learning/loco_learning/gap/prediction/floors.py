@@ -22,13 +22,8 @@ _, FASTEST = limits(SimParams, "physics_rate")
 FINE = 0.25  # ratio of the physics step to the model's if no engine is needed
 ABOUT = 0.05  # uncertainty of the time at which an error occurs [s]
 PHASE = 0.05  # shift of a drive's quantisation [steps]
-SPEEDS = (
-    -40.0,
-    -20.0,
-    0.0,
-    20.0,
-    40.0,
-)  # initial speeds, to average over phases of a limit cycle [steps/s]
+# Initial speeds, to average over phases of a limit cycle [steps/s].
+SPEEDS = -40.0, -20.0, 0.0, 20.0, 40.0
 
 
 def stepped(forward: Any, correction: Sequence[np.ndarray]) -> list[np.ndarray]:

@@ -16,11 +16,8 @@ import numpy as np
 
 from .noise import FEWEST
 
-EVEN_ORDERS = (
-    4,
-    6,
-    8,
-)  # of differences; the smallest jitter counts, which the motion affects least
+# Orders of differences; the smallest jitter counts, which the motion affects least.
+EVEN_ORDERS = 4, 6, 8
 DEGREE = 3  # of the polynomial whose slope is the rate
 ROUNDS = 5  # updates of the weights of the regression; two are enough (taste)
 SIGNIFICANT = 3.0  # standard errors of a jitter that is significant (theory: 3 in 1,000 by chance)

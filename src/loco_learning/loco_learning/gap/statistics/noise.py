@@ -24,9 +24,8 @@ SEED = 7_290_418_553  # seed of dither; simulated noise has small seeds, so both
 DITHERS = 16  # draws of dither on each record: a single one doubles the spread of the estimate
 TO_DEVIATION = 1.4826  # standard deviation of a normal law over its median absolute value
 RELATIVE = 1e-4  # smallest floor, over the channel's own standard deviation
-MIN_SHARE = (
-    0.5  # smallest share of a floor that is left without other errors of the readings (taste)
-)
+# Smallest share of a floor that is left without other errors of the readings (taste).
+MIN_SHARE = 0.5
 EFFORT = 0.02  # the same for a torque: on robots it is an estimate from current or pressure
 BUSIEST_SHARE = 1e-3  # smallest floor of a torque, over the largest deviation of any torque
 

@@ -104,8 +104,13 @@ class StribeckFriction(BrakeEffect, name="stribeck_friction"):
 
     @classmethod
     def offers(cls, robot: Any, signals: Sequence[str], motion: Motion) -> list[Offer]:
-        """At each joint, with Stribeck velocities up to `FALLS` times the measured speeds."""
-        highest = dict(zip(robot.joints, FALLS * np.asarray(motion.fast), strict=False))
+        """At each joint, with Stribeck velocities up to the measured speeds, or `FALLS` times these.
+
+        Velocities above both the measured speeds and the usual ones are left out.
+        """
+        fast = np.asarray(motion.fast)
+        usual = np.minimum(FALLS * fast, cls.identity.priors["velocity"].high)
+        highest = dict(zip(robot.joints, np.maximum(fast, usual), strict=False))
         return [
             offer._replace(coordinates=tuple(
                 at_most(c, float(highest.get(offer.place, np.nan))) if c.name == "velocity" else c
