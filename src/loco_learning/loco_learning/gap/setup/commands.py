@@ -69,8 +69,9 @@ def scale(bench: Bench) -> list[Finding]:
         new = bench.settled("scale", (joint,), note, fixes)
         if not new and fixes[1]:  # as of an action, which begins at a posture
             zero = Change(MAPPING, OFFSET, _centre(bench, joint, ratio), fixes[1][0].role, joint)
-            new = bench.settled("scale", (joint,), f"{note}, with another zero",
-                                [(*fixes[1], zero)])  # fmt: skip
+            options = bench.settled("scale", (joint,), f"{note}, with another zero",
+                                    [(*fixes[1], zero)])  # fmt: skip
+            new = [finding for finding in options if finding.mends]
         findings += new
     return findings
 
