@@ -384,8 +384,7 @@ class Description:
             ParameterError: The link has no inertia.
         """
         _, _, origin = self._inertial(link)
-        com = [float(v) for v in origin.get("xyz", "0 0 0").split()]
-        moved = [c + float(o) for c, o in zip(com, offset, strict=True)]
+        moved = [c + float(o) for c, o in zip(self.centre_of(link).tolist(), offset, strict=True)]
         origin.set("xyz", " ".join(repr(v) for v in moved))
 
     def set_damping(self, joint: str, value: float) -> None:

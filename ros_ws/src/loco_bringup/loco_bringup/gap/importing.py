@@ -183,12 +183,11 @@ def load(
     if suffix_of(path):
         return _from_bag(open_bag(path), name_of(path), robot, rules, judge)
     if path.is_file() and not tables.is_table(path):
-        hint = "; instead of `ros2 topic echo`, `ros2 bag record` writes one"
+        echoed = path.suffix in (".yaml", ".yml")
+        hint = "; instead of `ros2 topic echo`, `ros2 bag record` writes one" if echoed else ""
         raise ParameterError(
             f"{path.name} is no recording: wanted are {', '.join(BAG_TYPES)}, "
-            f"{', '.join(tables.SUFFIXES)}, and .gz of texts"
-            + hint
-            * (path.suffix in (".yaml", ".yml"))
+            f"{', '.join(tables.SUFFIXES)}, and .gz of texts{hint}"
         )
     if rules is None:
         raise MissingFileError(

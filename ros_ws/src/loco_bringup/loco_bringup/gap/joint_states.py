@@ -3,7 +3,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -36,8 +37,42 @@ class Layout:
     values: list[dict[str, np.ndarray]] = field(default_factory=list)
 
 
+@dataclass(frozen=True)
+class Messages:
+    """Messages of a topic of JointState.
+
+    Attributes:
+        topic: Name of the topic.
+        logged: Log times [ns], (T,).
+        stamps: Header stamps [ns], (T,); all 0 without stamps.
+        layouts: The messages by their joints and fields.
+    """
+
+    topic: str
+    logged: np.ndarray
+    stamps: np.ndarray
+    layouts: list[Layout]
+
+
+def read(bag: Bag, topic: str) -> Messages:
+    """Messages of a topic.
+
+    Args:
+        bag: The recording.
+        topic: Topic of JointState.
+
+    Raises:
+        BagError: Messages are damaged.
+    """
+    logged, data = bag.raw(topic)
+    with _named(bag):
+        groups = layouts(bag, topic, data)
+        stamps = np.array([stamp_ns(message) for message in data], dtype=np.int64)
+    return Messages(topic, logged, stamps, groups)
+
+
 def tracks(
-    bag: Bag, topic: str, roles: dict[str, str], notes: list[str], which: str = ""
+    bag: Bag, messages: Messages, roles: dict[str, str], notes: list[str], which: str = ""
 ) -> list[Track]:
     """Signals of a topic, one per joint and field of its messages.
 
@@ -45,32 +80,38 @@ def tracks(
 
     Args:
         bag: The recording.
-        topic: Topic of JointState.
+        messages: Messages of the topic.
         roles: Roles of the signals by field.
         notes: List to which sentences on clocks and publishers are appended.
         which: Clock of the messages, as in `clock`.
 
     Raises:
-        BagError: Messages are damaged, or a joint occurs in messages with different joint lists.
+        BagError: A joint occurs in messages with different joint lists, or stamps are damaged.
     """
-    logged, data = bag.raw(topic)
+    topic, stamps, logged = messages.topic, messages.stamps, messages.logged
     publishers: dict[frozenset[str], list[Layout]] = {}
-    try:
-        for layout in layouts(bag, topic, data):
-            publishers.setdefault(frozenset(layout.names), []).append(layout)
+    for layout in messages.layouts:
+        publishers.setdefault(frozenset(layout.names), []).append(layout)
+    result = []
+    with _named(bag):
         if len(publishers) > 1:
             _check_publishers(bag, topic, publishers, notes)
-        stamps = np.array([stamp_ns(message) for message in data], dtype=np.int64)
-        result = []
         for group in publishers.values():
             rows = np.sort(np.concatenate([layout.rows for layout in group]))
-            t = np.full(len(data), np.nan)
+            t = np.full(len(stamps), np.nan)
             t[rows] = clock(stamps[rows], logged[rows], topic, notes, which)
             result += _of_publisher(group, t, topic, roles)
+    return result
+
+
+@contextmanager
+def _named(bag: Bag) -> Iterator[None]:
+    """Errors are those of the bag, and name it."""
+    try:
+        yield
     except LocoError as error:
         text = str(error)
         raise BagError(text if bag.path.name in text else f"{bag.path.name}: {text}") from None
-    return result
 
 
 def layouts(bag: Bag, topic: str, data: list[bytes]) -> list[Layout]:

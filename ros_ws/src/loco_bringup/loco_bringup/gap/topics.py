@@ -9,7 +9,6 @@ from dataclasses import replace
 import numpy as np
 
 from loco_control.exceptions import BagError
-from loco_control.ros.messages.joint_codec import stamp_ns
 from loco_learning.gap.recordings import mapping
 from loco_learning.gap.recordings.record import Doubt
 from loco_learning.gap.recordings.tracks import AXES, Track, joint_names
@@ -115,12 +114,10 @@ def _standard(bag: Bag, prefix: str) -> tuple[list[Track], list[str]]:
         )
     notes: list[str] = []
     commands = {field: f"command_{kind}" for field, kind in COMMANDS.items()}
-    messages = [bag.raw(prefix + topic) for topic in (STATES, COMMAND)]
-    which = joint_states.common_clock(
-        [(np.array([stamp_ns(message) for message in data]), logged) for logged, data in messages]
-    )
-    tracks = joint_states.tracks(bag, prefix + STATES, FIELDS, notes, which)
-    tracks += joint_states.tracks(bag, prefix + COMMAND, commands, notes, which)
+    both = states, command = [joint_states.read(bag, prefix + topic) for topic in (STATES, COMMAND)]
+    which = joint_states.common_clock([(each.stamps, each.logged) for each in both])
+    tracks = joint_states.tracks(bag, states, FIELDS, notes, which)
+    tracks += joint_states.tracks(bag, command, commands, notes, which)
     if _has(bag, prefix + IMU, "sensor_msgs/msg/Imu"):
         tracks += _imu(bag, prefix + IMU)
     return tracks, notes

@@ -185,9 +185,12 @@ def reading_scales(errors: Mapping[str, float], channels: Sequence[Any]) -> np.n
         errors: Values of a robot by dotted name, of which others scale nothing, N of them.
         channels: Channels of the residual, (C,).
     """
-    names = [f"{READING}.{c.name}" if c.signal == "tau" else "" for c in channels]
-    rows = [[float(size) * (name == one) for one in names] for name, size in errors.items()]
-    return np.array(rows).reshape(len(errors), len(channels))
+    scales = np.zeros((len(errors), len(channels)))
+    for row, (name, size) in zip(scales, errors.items(), strict=True):
+        section, _, joint = name.partition(".")
+        if section == READING:
+            row[[c.signal == "tau" and c.name == joint for c in channels]] = size
+    return scales
 
 
 def built(specs: Sequence[Mapping[str, Any]], drives: Sequence[Mapping[str, Any]]) -> list:

@@ -180,10 +180,9 @@ def gravity(bench: Bench) -> list[Finding]:
 
 def inertias(bench: Bench) -> list[Finding]:
     """Finding of inertias of the description in another unit, with masses in g or in kg."""
-    root = ET.fromstring(bench.robot.urdf)
     if bench.free:
         return []
-    masses, unit, by = described.factors(root, bench.robot.folder)
+    masses, unit, by = described.factors(ET.fromstring(bench.robot.urdf), bench.robot.folder)
     text = Description(bench.robot.urdf)
     links = [text.child(joint) for joint in bench.robot.joints]
     fix = tuple(Change(MODEL, f"bodies.{link}.inertia", masses / by) for link in links)

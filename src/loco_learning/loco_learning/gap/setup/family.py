@@ -100,8 +100,7 @@ def best(bench: Bench) -> list[Finding]:
     new = [] if bench.fits else [finding for test in RUNS for finding in test(bench)]
     rows = sorted(((bench.miss(*finding.mends), k) for k, finding in enumerate(new)))
     if not rows or any(
-        least(bench) < LIMITS.alike * rows[0][0]
-        for least in (bodies.misread, bodies.saturated)
+        least(bench) < LIMITS.alike * rows[0][0] for least in (bodies.misread, bodies.saturated)
     ):
         return []  # a sensor whose zero or gain is off, or a motor that saturates: to the search
     lowest, first = rows[0][0], new[rows[0][1]]
