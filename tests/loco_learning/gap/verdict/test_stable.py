@@ -178,10 +178,10 @@ class Records:
 @pytest.mark.parametrize(
     ("sizes", "differs"),
     [((0.0, 0.0, 300.0), True), ((90.0, 0.0, 2.0), True), ((50.0, 20.0, 90.0), False),
-     ((0.0, 0.0, 3.0), False)],
+     ((0.0, 0.0, 3.0), False), ((900.0, 40.0, 40.0), False)],
 )  # fmt: skip
 def test_a_recording_of_another_robot_is_told(sizes, differs):
-    """The load of a gripper, for example; errors that differ by less are those of the motions."""
+    """The load of a gripper, for example. A model that explains no recording lacks something."""
     names = ("chirp", "steps", "ramp")
     said = stable.unlike(search().case.records, fitted(noise(sizes)))
     assert bool(said) is differs

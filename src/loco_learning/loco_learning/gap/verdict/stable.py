@@ -14,9 +14,11 @@ from typing import Any
 
 import numpy as np
 
+from loco_sim.foreign.notes import listed
+
 from ..fitting.fit import Fitted, Setting, fit, weigh
 from ..prediction.case import Case
-from ..probability.weights import NO_EFFECT
+from ..probability.weights import CRITERION, NO_EFFECT
 from ..probability.weights import weigh as weights_of
 from ..recordings.record import Record
 from ..statistics import evidence
@@ -145,7 +147,7 @@ def alarms(table: Sequence[Row]) -> tuple[str, ...]:
 
 
 def unlike(records: Sequence[Record], model: Fitted) -> tuple[str, ...]:
-    """A sentence about recordings that a model misses far more than others; empty if none are.
+    """A sentence about recordings that a model misses while it explains others; empty if none are.
 
     Args:
         records: The recordings.
@@ -154,11 +156,11 @@ def unlike(records: Sequence[Record], model: Fitted) -> tuple[str, ...]:
     errors = [float(np.sqrt(np.nanmean(np.square(each)))) for each in model.whole]
     names, limit = [record.name for record in records], UNLIKE * max(min(errors), 1.0)
     missed = [name for name, error in zip(names, errors, strict=True) if error > limit]
-    if not missed:
+    if not missed or min(errors) > CRITERION.trifle:
         return ()
     others = [name for name in names if name not in missed]
     return (
-        f"{', '.join(missed)} and {', '.join(others)} differ: the model leaves "
+        f"{listed(missed)} and {listed(others)} differ: the model leaves "
         f"{max(errors):.3g} noise floors in one and {min(errors):.2g} in another; was the robot, "
         "its load or its controller changed between them? Search in each group by itself",
     )
