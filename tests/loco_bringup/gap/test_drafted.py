@@ -108,6 +108,54 @@ def test_a_log_without_commands_is_moved_by_its_torques(search, tmp_path):
     assert asked["fit"][0].command["torque"][:, 0] == pytest.approx(np.cos(3.0 * T), abs=1e-6)
 
 
+def with_a_passive_pole(effort: float) -> str:
+    """URDF of a cart on a rail with a pole, whose joint has an effort limit."""
+
+    def link(name: str, z: float) -> str:
+        return (f'<link name="{name}"><inertial><origin xyz="0 0 {z}"/><mass value="1"/>'
+                '<inertia ixx="0.01" iyy="0.01" izz="0.01" ixy="0" ixz="0" iyz="0"/></inertial>'
+                "</link>")  # fmt: skip
+
+    def joint(name: str, kind: str, parent: str, child: str, axis: str, effort: float) -> str:
+        return (f'<joint name="{name}" type="{kind}"><parent link="{parent}"/>'
+                f'<child link="{child}"/><axis xyz="{axis}"/><limit lower="-1" upper="1" '
+                f'effort="{effort}" velocity="9"/></joint>')  # fmt: skip
+
+    return "".join([
+        '<robot name="cart"><link name="rail"/>', link("cart", 0.0), link("pole", -0.3),
+        joint("slide", "prismatic", "rail", "cart", "1 0 0", 40.0),
+        joint("hinge", "revolute", "cart", "pole", "0 1 0", effort), "</robot>",
+    ])  # fmt: skip
+
+
+@pytest.mark.parametrize("pole", [0.3, 0.001])
+def test_a_joint_that_moves_without_a_command_has_no_drive(search, tmp_path, pole):
+    """One that hardly moves may be held by a drive, whose command is asked for."""
+    Path("my.urdf").write_text(with_a_passive_pole(effort=5.0))
+    table("my.csv", slide_pos=0.2 * np.sin(3.0 * T), slide_force_cmd=np.cos(3.0 * T),
+          hinge_pos=pole * np.sin(5.0 * T))  # fmt: skip
+    code, said, asked = search("my.csv")
+    if pole < 0.01:
+        assert code == 2 and "command_torque of joint hinge is missing" in said
+        return
+    assert code == 0, said
+    assert list(asked["model"].make_robot().drives) == ["slide"]
+    assert (
+        "# no drive, as they move without a command: hinge"
+        in (tmp_path / "out/drafts/robot/robot.yaml").read_text()
+    )
+
+
+@pytest.mark.parametrize(("effort", "code"), [(0.0, 0), (5.0, 2)])
+def test_a_command_without_a_name_is_of_the_only_joint_with_an_effort_limit(search, effort, code):
+    Path("my.urdf").write_text(with_a_passive_pole(effort))
+    table("my.csv", slide_pos=0.2 * np.sin(3.0 * T), force_cmd=np.cos(3.0 * T),
+          hinge_pos=0.3 * np.sin(5.0 * T))  # fmt: skip
+    result, said, _ = search("my.csv")
+    assert result == code, said
+    assert ("force_cmd is command_torque of slide" in said) is (code == 0)
+
+
 def test_a_drafted_robot_fits_the_mapping_beside_the_log(search, tmp_path):
     table("my.csv", a=0.4 * np.sin(3.0 * T), b=np.cos(3.0 * T))
     columns = (

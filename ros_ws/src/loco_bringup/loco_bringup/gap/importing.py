@@ -10,6 +10,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import yaml
 
 from loco_control.exceptions import (
@@ -42,6 +43,7 @@ from .fields import FieldSource
 
 _new_robot = lazy.module("loco_bringup.robot.terminal")
 _HOLDING_KEYS = ("fixed_base", "height")  # keys of an experiment about how the robot was held
+MOVES = 0.05  # travel of a joint over the largest one, from which on it moves (taste)
 # Drafts of a robot and of a mapping in a folder of results.
 DRAFTS = ROBOT, MAPPING = "drafts/robot/robot.yaml", f"drafts/{mapping.FILE}"
 
@@ -91,7 +93,9 @@ def _drafted(
     if not mapping_file and all(_is_undescribed(Path(path)) for path in bags):
         mapping_file = str(folder / MAPPING)
         if not Path(mapping_file).exists():
-            text = draft(bags[0], *joints_of(models.load_any(robot).make_robot()))
+            joints, follows, passive = joints_of(models.load_any(robot).make_robot())
+            passive = _without_effort(source) if is_drafted else passive
+            text = draft(bags[0], joints, follows, passive)
             write_whole(Path(mapping_file), text)
         what = "; ".join(
             f"{c.column} is {c.role} of {c.place}" + f" [{c.unit}]" * bool(c.unit)
@@ -102,6 +106,7 @@ def _drafted(
     if rules:
         text = _fitting(draft_file.read_text(encoding="utf-8"), rules, robot)
         write_whole(draft_file, text)
+        _leave_passive(draft_file, rules, Path(bags[0]))
     if is_drafted:
         description = draft_file.with_name(f"{stem(source)}.urdf")
         notes = [*map(Doubt, Tidied(description).suspects), *notes]  # they explain all that follows
@@ -147,6 +152,39 @@ def _fitting(text: str, rules: Mapping, robot: str) -> str:
         return text
     line = yaml.safe_dump({robots.LOCKED: locked}, default_flow_style=True, width=1e6)[1:-2]
     return f"{text.rstrip()}\n{line}  # guessed, as the log has no column of them\n"
+
+
+def _without_effort(source: Path) -> list[str]:
+    """Joints whose effort limit is 0 where others have one: they have no drive."""
+    limits = {j.get("name"): j.find("limit") for j in Tidied(source).root.findall("joint")
+              if j.get("type") != "fixed"}  # fmt: skip
+    efforts = {name: float(limit.get("effort", 0.0)) if limit is not None else 0.0
+               for name, limit in limits.items()}  # fmt: skip
+    return [name for name, effort in efforts.items() if not effort] if any(efforts.values()) else []
+
+
+def _leave_passive(draft_file: Path, rules: Mapping, bag: Path) -> None:
+    """Leave out guessed drives of joints that move in a recording without any command of them.
+
+    If one does not move it keeps its drive: the recording is then refused, with what is missing.
+    """
+    robot = models.load_any(str(draft_file.parent)).make_robot()
+    commanded = {c.place for c in rules.columns if c.role.startswith("command_")}
+    read = {c.place for c in rules.columns if c.role == "q"}
+    passive = [joint for joint in robot.drives if joint in read - commanded]
+    if robot.legs is not None or not passive or not commanded & {*robot.drives}:
+        return
+    drafted = draft_file.read_text(encoding="utf-8")
+    lines = "|".join(map(re.escape, passive))
+    text = re.sub(rf'^  "?({lines})"?: \{{kind: .*\n', "", drafted, flags=re.MULTILINE)
+    text += f"# no drive, as they move without a command: {', '.join(passive)}\n"
+    write_whole(draft_file, text)
+    robot = models.load_any(str(draft_file.parent)).make_robot()
+    q = load(bag, robot, rules.path, judge=False)[0].joints_of(robot, "q")
+    travel = np.nanmax(q, axis=0) - np.nanmin(q, axis=0)
+    of_joint = dict(zip(robot.joints, travel / np.nanmax(travel), strict=True))
+    if min(of_joint[joint] for joint in passive) < MOVES:
+        write_whole(draft_file, drafted)
 
 
 def _is_undescribed(path: Path) -> bool:

@@ -109,7 +109,7 @@ def of_table(
     speed = any(guess.role == "dq" for x, guess in guesses.items() if x not in unread)
     turn = _counts([x for name, x in value_columns.items() if guesses[name].role in ANGLES])
     by_number = _by_number(table, guesses, spelled, joints)
-    joints_of = _candidates(guesses, joints, tuple(follows))
+    joints_of = _candidates(guesses, joints, tuple(follows), passive)
     columns = {
         name: _column(table, name, guesses[name], joints_of[name],
                       by_number.get(name, ""), speed, turn)
@@ -358,12 +358,28 @@ def missing(
 
 
 def _candidates(
-    guesses: Mapping[str, words.Guess], joints: Sequence[str], follows: Sequence[str]
+    guesses: Mapping[str, words.Guess],
+    joints: Sequence[str],
+    follows: Sequence[str],
+    passive: Collection[str],
 ) -> dict[str, Sequence[str]]:
-    """Joints that each column may be of: of a single command only the joint that follows it."""
-    commands = [name for name, guess in guesses.items() if guess.role in MOTION_COMMANDS]
-    single = commands if len(commands) == len(follows) == 1 else []
-    return {name: follows if name in single else joints for name in guesses}
+    """Joints that each column may be of: of commands and torques only those that have a drive.
+
+    Of a single commanded motion it is the only joint that follows one.
+    """
+    motions = [name for name, guess in guesses.items() if guess.role in MOTION_COMMANDS]
+    driven = [joint for joint in joints if joint not in passive] or joints
+    follower = follows if len(motions) == len(follows) == 1 else driven
+    return {
+        name: follower if guess.role in MOTION_COMMANDS
+        else driven if _is_of_drive(guess.role) else joints
+        for name, guess in guesses.items()
+    }  # fmt: skip
+
+
+def _is_of_drive(role: str) -> bool:
+    """True if only a joint with a drive has this role."""
+    return role == "tau" or role.startswith("command_")
 
 
 def _column(
@@ -384,7 +400,7 @@ def _column(
             return []
     is_named = bool(joint)
     if not joint and len(joints) == 1:
-        that = " that is driven" * (guess.role in MOTION_COMMANDS)
+        that = " that is driven" * _is_of_drive(guess.role)
         joint, comment = joints[0], f"{comment}, the only joint{that}"
     if not guess.role or not joint:
         return []
