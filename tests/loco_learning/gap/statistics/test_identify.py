@@ -137,6 +137,26 @@ def test_stability_tells_one_parameter_from_several():
     np.testing.assert_allclose(found.shifts[:, 0], moving[::1000], atol=0.2)
 
 
+def test_rows_of_a_weight_are_rows_times_its_root_and_each_part_is_fitted_by_itself():
+    """Noise ten times larger in some rows must not move what each part of the data says."""
+    rng = np.random.default_rng(4)
+    j, groups = columns(np.sin, np.cos), np.arange(N) // 1000
+    weight = np.where(np.arange(N) % 3, 1.0, 0.01)
+    residual = rng.normal(size=N) / np.sqrt(weight) + groups * j[:, 1]
+    found = identify.stability(j, residual, groups, weight)
+    root = np.sqrt(weight)
+    scaled = identify.stability(j * root[:, None], residual * root, groups)
+    for name in ("shifts", "errors", "spread", "probability"):
+        np.testing.assert_allclose(getattr(found, name), getattr(scaled, name))
+    for part in range(4):
+        rows = groups == part
+        alone = np.linalg.lstsq((j * root[:, None])[rows], -(residual * root)[rows], rcond=None)[0]
+        np.testing.assert_allclose(found.shifts[part], alone)
+        np.testing.assert_allclose(
+            found.errors[part], identify.standard_errors(j[rows], weight[rows])
+        )
+
+
 def test_what_nuisance_can_imitate_is_told():
     j = columns(np.sin, lambda t: np.sin(t) + 0.1 * np.cos(t), np.cos)
     found = identify.analyse(j, ["gain", "payload", "friction"], ["gain"])

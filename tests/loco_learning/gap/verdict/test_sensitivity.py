@@ -9,7 +9,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from loco_learning.gap.statistics import identify
+from loco_learning.gap.statistics import evidence, identify
 from loco_learning.gap.verdict import sensitivity
 
 from ..laws import COULOMB, STRIBECK, TORQUE, fitted, hypothesis
@@ -66,6 +66,46 @@ def test_sensitivities_of_a_straight_model_are_its_lines_whatever_is_left(off):
     weight = identify.weights(model().score)[::2]
     known = [1.0 / np.sqrt(weight @ np.square(line)) for line in lines]
     assert analysis.errors_alone == pytest.approx(known)
+
+
+@pytest.mark.parametrize("by", [0.01, 1.0, 100.0])
+def test_intervals_are_as_much_wider_as_lines_are_weaker(by):
+    sizes = []
+    for factor in (1.0, by):
+        lines = (5.0 * factor * np.sin(k * TIME) for k in (1.0, 1.7, 2.3))
+        found = sensitivity.sensitivities(Straight(*lines), model())[0][STRIBECK.key][0]
+        sizes.append(found.high - found.low)
+    assert sizes[0] == pytest.approx(by * sizes[1])
+
+
+class Repeated(Straight):
+    """The same in several records."""
+
+    def __init__(self, count, *lines):
+        super().__init__(*lines)
+        self.count, self.forward = count, SimpleNamespace(begun=lambda: [[]] * count)
+
+    def whitened(self, specs, overrides, coarse=False):
+        return super().whitened(specs, overrides, coarse) * self.count
+
+
+@pytest.mark.parametrize("records", [4, 9])
+@pytest.mark.parametrize("apart", [0.0, 2.0, 4.0])
+def test_a_size_that_drifts_in_each_record_is_as_sure_as_the_mean_of_all_halves(apart, records):
+    """Each record as a whole says the same, as where friction falls while a gear warms up."""
+    lines = [100.0 * np.sin(k * TIME) for k in (1.0, 1.7, 2.3)]
+    drift = np.where(np.arange(ROWS) < ROWS // 2, 0.5, -0.5) * apart * lines[0]
+    noise = np.random.default_rng(0).normal(size=(records, ROWS, 2))
+    whole = tuple(r + drift[:, None] * [1.0, 0.0] for r in noise)
+    at = replace(model(), overrides={}, whole=whole, held=evidence.score(whole))
+    found = sensitivity.sensitivities(Repeated(records, *lines), at)[0][STRIBECK.key][0]
+    spread = TORQUE.size * apart * 0.5 * np.sqrt(2.0 * records / (2.0 * records - 1.0))
+    assert found.spread == pytest.approx(spread, rel=0.05)
+    half = sensitivity.NORMAL * spread / np.sqrt(2.0 * records)
+    if apart:
+        assert 0.5 * (found.high - found.low) == pytest.approx(half, rel=0.05)
+    else:
+        assert 0.5 * (found.high - found.low) < 0.01 * TORQUE.size
 
 
 @pytest.mark.parametrize("x", [0.0, 1.0, 200.0])

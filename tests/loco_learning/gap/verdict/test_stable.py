@@ -53,6 +53,21 @@ def table():
     return make
 
 
+def test_rows_are_read_wherever_the_named_model_has_a_residual_whatever_another_model_does():
+    """A base model that leaves the track at once must not make a rest count as a stretch."""
+    rest = np.full((1200, 1), np.nan)
+    named = fitted([np.concatenate([rest, r]) for r in noise([0.0] * 3)], RUBS)
+    base, late = (
+        fitted([np.concatenate([np.full((n, 1), np.nan), r[n - 1200 :]]) for r in noise([5.0] * 3)])
+        for n in (1200, 1300)
+    )
+    stretches = [
+        [r.closed for r in stable.rows(search(), named, other, [], 0) if r.vary == "stretch"]
+        for other in (base, late)
+    ]
+    assert stretches[0] == pytest.approx(stretches[1], abs=0.01)
+
+
 def test_a_name_that_stays_is_no_alarm(table):
     rows = table([0.0, 0.0, 0.0], [5.0, 5.0, 5.0], [2.0, 2.0, 2.0])
     assert [r.vary for r in rows] == ["split"] * 3 + ["stretch"] * 2 + ["floor"] * 2
@@ -104,7 +119,7 @@ def test_a_model_with_the_named_effect_and_another_one_still_has_the_name():
 
 def test_loud_records_judge_and_floors_shrink_what_is_left(table, monkeypatch):
     monkeypatch.setattr(stable, "SPLITS", 2)
-    rows = table([0.0, 0.0, 0.0], [2.0, 0.5, 4.0], [1.0, 1.0, 1.0])
+    rows = table([0.0, 0.0, 0.0], [2.0, 0.5, 4.0], [0.5, 2.0, 1.0])
     judged = [r.setting for r in rows if r.vary == "split"]
     assert judged == ["chirp judges", "ramp judges"]  # in their order, not by size
     lower, higher = (r for r in rows if r.vary == "floor")
@@ -132,6 +147,18 @@ def test_only_the_nearest_other_names_are_fitted_again():
     rows = stable.rows(some, best, base, [near, next_near], 0)
     assert asked == [(m, stable.SPLITS) for m in (best, next_near)]
     assert [r.vary for r in rows].count("split") == stable.SPLITS
+
+
+def test_a_model_out_of_reach_is_judged_as_it_is_and_others_as_they_were_refitted():
+    best, base, near = fitted(noise([2.0] * 3), RUBS), fitted(noise([5.0] * 3)), noise([3.0] * 3)
+    out = {id(base)}
+    some = search(
+        each=lambda function, tasks: ([noise([0.0] * 3)] * len(task[1]) for task in tasks),
+        reach=lambda model, models: id(model) not in out,
+    )
+    rows = stable.rows(some, best, base, [fitted(near, LAGS)], 0)
+    closed = {r.vary: r.closed for r in rows}
+    assert closed["split"] > 0.95 > closed["stretch"]
 
 
 def test_one_record_has_no_other_that_could_judge():
