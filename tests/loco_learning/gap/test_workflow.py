@@ -16,6 +16,7 @@ import pytest
 from loco_control.exceptions import ParameterError
 from loco_learning.gap import contents, workflow
 from loco_learning.gap.fitting.params import GapParams
+from loco_learning.gap.fitting.search import Search
 from loco_learning.gap.hypotheses.hypotheses import Hypothesis
 from loco_learning.gap.prediction.forward import Forward
 from loco_sim.effects.catalogue.friction import StribeckFriction as Stribeck
@@ -140,6 +141,30 @@ def test_same_seed_same_file_for_any_number_of_workers_and_progress_rises(found,
     assert told == sorted(told)
 
 
+@pytest.mark.parametrize(
+    "effects",
+    [
+        [{"name": "coulomb_friction", "torque": 3.0}],
+        [{"name": "viscous_friction", "damping": 20.0}, {"name": "sensor_bias", "q": 0.002}],
+    ],
+)
+def test_progress_is_in_proportion_to_simulations_within_a_factor_of_two(
+    found, effects, monkeypatch
+):
+    """It said 90 % where half of the work, the verdict, was still to be done."""
+    runs, told, run = [], [], Forward._run
+
+    def counted(self, *arguments):
+        runs.append(arguments)
+        return run(self, *arguments)
+
+    monkeypatch.setattr(Forward, "_run", counted)
+    found(effects, progress=lambda share, *_: told.append((share, len(runs))))
+    middle = [(share, count / len(runs)) for share, count in told if 0.2 <= share < 1.0]
+    assert len(middle) > 8
+    assert all(0.5 < done / share < 2.0 for share, done in middle)
+
+
 def test_an_exception_of_the_progress_ends_the_search(found):
     class StopError(Exception):
         pass
@@ -176,21 +201,33 @@ def test_a_detail_that_fails_costs_no_search_and_leaves_a_note(found, monkeypatc
     assert gap["where"] and {**gap, **contents.EMPTY, "notes": []} == first
 
 
+@pytest.mark.parametrize("higher", [1.0, 1.5])
 @pytest.mark.parametrize("guess", ["joint_offset", "viscous_friction"])
 def test_engines_are_compared_with_what_was_found_where_the_guess_was_another(
-    slide, monkeypatch, guess
+    slide, monkeypatch, guess, higher
 ):
-    """On the ground, the floor is that of the robot as it is, whatever was guessed before."""
-    prepare, compared = workflow.cases.prepare, []
+    """On the ground, the floor is that of the robot as it is, whatever was guessed before.
+
+    A search that would be the same is not repeated.
+    """
+    prepare, compared, searches = workflow.cases.prepare, [], []
 
     def on_ground(forward, records, held_out, suspects=(), free_names=()):
         compared.append([spec["name"] for spec in suspects])
-        return replace(prepare(forward, records, held_out, (), free_names), ground=True)
+        case = prepare(forward, records, held_out, (), free_names)
+        by = higher if "viscous_friction" in compared[-1] else 1.0
+        floors = [by * floor for floor in case.floors]
+        return replace(case, ground=True, floor=by * case.floor, floors=floors)
+
+    def searching(*arguments):
+        searches.append(arguments)
+        return Search(*arguments)
 
     def guessed(case, hypotheses, each):
         first = next(h for h in hypotheses if h.effect == guess)
         return hypotheses, [], [(first, first.starts()[0])]
 
+    monkeypatch.setattr(workflow, "Search", searching)
     monkeypatch.setattr(workflow.cases, "prepare", on_ground)
     monkeypatch.setattr(workflow, "likely_hypotheses", guessed)
     shares, (fit, judge) = [], slide.records([{"name": "viscous_friction", "damping": 20.0}])
@@ -200,6 +237,7 @@ def test_engines_are_compared_with_what_was_found_where_the_guess_was_another(
     assert gap["names"] == ["viscous_friction"]
     again = [] if guess == "viscous_friction" else [["viscous_friction"]]
     assert compared == [[], [guess], *again]
+    assert len(searches) == (2 if again and higher > 1.0 else 1)
 
 
 def test_what_the_robot_cannot_be_built_with_is_dropped_and_listed(slide, monkeypatch):

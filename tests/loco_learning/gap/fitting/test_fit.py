@@ -17,6 +17,7 @@ from loco_learning.gap.fitting.fit import (
     fit,
     jointly,
     refine,
+    to_minimum,
     weigh,
 )
 from loco_learning.gap.fitting.params import GapParams
@@ -188,6 +189,70 @@ def test_minima_of_a_place_are_as_far_apart_as_its_starts_or_a_part_of_its_range
         each=[(None, place, 0.3, 2.0)],
     )  # fmt: skip
     assert _strides(problem) == [(0, pytest.approx(width / 2.0))]
+
+
+def test_a_hopeless_fit_ends_in_the_steps_of_the_model(bench):
+    """It is no worse than it began, and cheaper; any other one is fitted as before."""
+    case, offered = bench([STRIBECK])
+    (hypothesis,) = offered["viscous_friction"].hypotheses
+    begun = [at(hypothesis, damping=1.0)]
+    costs, models = [], []
+    for hopeless in (np.inf, 0.0):
+        before = case.count
+        models.append(fit(case, begun, replace(setting(), hopeless=hopeless)))
+        costs.append(case.count - before)
+    assert costs[1] < costs[0]
+    assert models[1].fit_rms < weigh(case, begun, {}).fit_rms
+    wide = replace(setting(), hopeless=1.01 * models[1].cost)
+    assert fit(case, begun, wide).parts == models[0].parts
+
+
+@pytest.mark.parametrize("name", ["end_stop", "coulomb_friction"])
+def test_every_step_of_a_fit_has_as_many_simulations_more_for_more_parameters(
+    bench, monkeypatch, name
+):
+    """Where a stop runs out of them in one step alone, its stiffness stays where it was."""
+    case, offered = bench([])
+    (hypothesis, *_) = offered[name].hypotheses
+    begun, given = (hypothesis, hypothesis.starts()[0]), []
+
+    def keep(index):
+        def least(fun, z, bounds, step, *rest):
+            given.append(rest[index])
+            return SimpleNamespace(z=z, cost=0.0, jacobian=None)
+
+        return least
+
+    monkeypatch.setattr("loco_learning.gap.fitting.fit.minimise", keep(0))
+    monkeypatch.setattr("loco_learning.gap.fitting.fit.lowest", keep(1))
+    model = fit(case, [begun], setting(evaluations=20))
+    to_minimum(case, model, setting(evaluations=20, beyond=0))
+    first, _, (beyond, again) = given
+    assert first == again and beyond == 0
+    assert (first == 20) is (len(begun[1]) == 1) and first >= 20 + 2 * (len(begun[1]) - 1)
+
+
+def test_a_smooth_effect_is_at_its_minimum_and_one_in_jumps_moves_only_to_a_lower_one(bench):
+    case, offered = bench([{"name": "coulomb_friction", "torque": 3.0}])
+    (smooth,), (dry,) = (offered[n].hypotheses for n in ("viscous_friction", "coulomb_friction"))
+    model = weigh(case, [at(smooth, damping=1.0)], {})
+    assert to_minimum(case, model, setting()) is model
+    start = weigh(case, [at(dry, torque=0.5)], {})
+    found = to_minimum(case, start, setting())
+    (spec,) = found.specs
+    assert spec["torque"] == pytest.approx(3.0, rel=0.05) and found.fit_rms < start.fit_rms
+    assert to_minimum(case, replace(found), setting()).fit_rms <= found.fit_rms
+
+
+@pytest.mark.parametrize("unit", [1.0, 1000.0])
+def test_a_free_value_is_pulled_by_its_relative_change_in_any_unit(unit):
+    """Nothing pulls a value that stays; one spread of its logarithm is one deviation."""
+    params, nominal = GapParams(), {"kp": 0.3 * unit, "mass": 7.0}
+    for kp, by in ((0.0, 0.0), (params.free_spread, 1.0), (-2.0 * params.free_spread, -2.0)):
+        free = {**nominal, "kp": nominal["kp"] * math.exp(kp)}
+        problem = Problem(None, [], Setting(params, nominal, free, 3.0, ()))
+        line = problem.line(problem.start, np.zeros(4), np.zeros(0))
+        assert line == pytest.approx([0.0] * 4 + [by, 0.0])
 
 
 def test_a_model_without_free_numbers_is_not_fitted(bench):

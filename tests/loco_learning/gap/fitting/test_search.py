@@ -1,20 +1,33 @@
 # SPDX-License-Identifier: Apache-2.0
 """A search begins and ends where the verdict says that there is or is no gap."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
+from loco_learning.gap.fitting.fit import Fitted, Setting
 from loco_learning.gap.fitting.params import GapParams
-from loco_learning.gap.fitting.screen import Screened
-from loco_learning.gap.fitting.search import Search, call, sibling_pairs
+from loco_learning.gap.fitting.screen import Screened, project
+from loco_learning.gap.fitting.search import (
+    AT_JUMPS,
+    IN_REACH,
+    TANGENT_STEP,
+    Pool,
+    Search,
+    call,
+    sibling_pairs,
+)
 from loco_learning.gap.hypotheses.bundles import Batch
 from loco_learning.gap.hypotheses.families import by_law
 from loco_learning.gap.hypotheses.hypotheses import Hypothesis
 from loco_learning.gap.prediction.case import Case
+from loco_learning.gap.statistics import evidence
 from loco_learning.gap.statistics.leftover import LIMITS, has_gap
 from loco_sim.effects.coordinates import Coordinate
+
+from .. import laws
 
 ROWS, RECORDS = 500, 4
 
@@ -112,6 +125,135 @@ def test_values_of_the_robot_are_fitted_by_simulation_only_near_the_best():
     assert [search.in_reach(fit_of("payload", rms), models) for rms in (1.9, 2.1)] == [True, False]
 
 
+@pytest.mark.parametrize("share", [0.9, 1.1])
+def test_effects_in_jumps_beside_a_judged_model_are_in_reach_farther_than_others(share):
+    """Of nothing that was fitted before anything is known; hopeless ones were half of a verdict."""
+    search = object.__new__(Search)
+    search.fits = {"best": fit_of("payload", 1.0)}
+    for name, limit in (("armature", IN_REACH), ("end_stop", AT_JUMPS)):
+        model = fit_of(name, np.exp(0.5 * share * limit))
+        assert search.in_reach(model, (), AT_JUMPS) is (share < 1.0)
+    assert search.in_reach(model) and AT_JUMPS > IN_REACH
+
+
+@pytest.mark.parametrize("cost", [0.0, 10.0])
+def test_fits_beside_fitted_models_are_told_the_cost_at_which_they_are_hopeless(cost):
+    told, search = [], object.__new__(Search)
+    search.setting, search.fits = Setting(GapParams(), {}, {}, 3.0, ()), {}
+    search.each = lambda function, tasks: [
+        told.append(task) or fit_of("push", 1.0) for task in tasks
+    ]
+    known = [fit_of("payload", 1.0), fit_of("", 1.0), fit_of("armature", 2.0)]
+    for model, each in zip(known, (cost, 0.1 * cost, 3.0 * cost), strict=True):
+        model.cost, model.parts = each, model.parts if model.key else ()
+    search.fitted([(("push", 1.0),)], known)
+    ((_, setting, _),) = told
+    assert setting.hopeless == pytest.approx(cost * np.exp(AT_JUMPS) if cost else np.inf)
+
+
+KP, SENSED = "drives.knee.kp", 600
+
+
+def screened_beside(size, amplitude):
+    """Tangent of a model of friction with a free gain, and what its three numbers change.
+
+    Each number bends what it changes: by as much as its own change at one unit of it.
+
+    Args:
+        size: Coordinate of the friction's torque.
+        amplitude: What one unit of a number changes [floors].
+    """
+    rng = np.random.default_rng(0)
+    lines, bends = np.linalg.qr(rng.normal(size=(SENSED, 6)))[0].T.reshape(2, 3, SENSED)
+    asked = []
+
+    def vector(specs, overrides, only, coarse=False):
+        ((spec,), at) = specs, overrides.get(KP, 2.0)
+        scales = laws.TORQUE.size, laws.SPEED.size
+        by = spec["torque"] / scales[0] - size, np.log(spec["velocity"] / scales[1])
+        steps = np.array([*by, np.log(at / 2.0)])
+        asked.append(coarse)
+        return 5.0 + amplitude * (steps @ lines + np.square(steps) @ bends)
+
+    case = SimpleNamespace(
+        vector=vector, forward=SimpleNamespace(robot=lambda: SimpleNamespace(joints=()))
+    )
+    told = []
+
+    def ordered(jobs):
+        told.extend(arguments[5] for _, arguments in jobs)
+        return ([Screened(arguments[0].hypotheses[0], 0.5, (1.0,))] for _, arguments in jobs)
+
+    search = Search(
+        case, [laws.COULOMB], GapParams(), SimpleNamespace(ordered=ordered), lambda *_: None,
+        {KP: 2.0}, lambda some: [Batch((h,), (None,)) for h in some],
+    )  # fmt: skip
+    search.only = [0]
+    model = replace(laws.fitted(laws.STRIBECK), parts=((laws.STRIBECK, (size, 0.0)),))
+    search.beside(model, [Screened(laws.COULOMB, 0.5, (1.0,), cost=1)])
+    assert all(asked)  # a screening needs no finer steps than the model's
+    return told[0], lines
+
+
+@pytest.mark.parametrize("size", [0.0, 1.0, 0.3])
+@pytest.mark.parametrize("amplitude", [1e-6, 1.0, 1e6])
+def test_what_the_numbers_of_a_model_change_is_no_evidence_for_another_effect(size, amplitude):
+    """However little it is; secants differ from derivatives by no more than a step bends them."""
+    tangent, lines = screened_beside(size, amplitude)
+    np.testing.assert_allclose(tangent.T @ tangent, np.eye(3), atol=1e-9)
+    left = np.linalg.norm(project(lines.T, tangent), axis=0)
+    steps = np.array([TANGENT_STEP * (size or 1.0), 2.0 * TANGENT_STEP, TANGENT_STEP])
+    assert (left <= 1.01 * steps).all() and (left >= 0.5 * steps / np.hypot(1.0, steps)).all()
+
+
+@pytest.mark.parametrize(("explains", "extended"), [("first", 1), ("second", 2), ("none", 2)])
+def test_no_model_is_extended_once_another_one_explains_the_data(explains, extended):
+    """With a beam of two: what is left is the work of rivals, which a verdict looks for."""
+    names = {"first": "payload", "second": "armature"}
+    begun, done = [], "end_stop"
+    singles = [laws.fitted(laws.hypothesis(n, laws.TORQUE)) for n in names.values()]
+    silent, loud = (np.ones((ROWS, 1)) * [[level]] for level in (0.5, 9.0))
+
+    def whole(parts):
+        names_of = {h.effect for h, _ in parts}
+        good = {done, names.get(explains)} == names_of
+        return fitted_as(parts, [silent if good else loud * (1.0 - 0.1 * len(parts))] * 2)
+
+    def ordered(jobs):
+        for function, arguments in jobs:
+            if function.__name__ == "screen":
+                yield [Screened(h, 0.5, (1.0,), cost=1) for h in arguments[0].hypotheses]
+            elif function.__name__ == "rough_fit":
+                begun.append(arguments[0][0][0].effect)
+                yield 1.0, arguments[0]
+            else:
+                yield whole(arguments[0]) if function.__name__ == "fit" else arguments[0]
+
+    flags = [np.full(ROWS, i == 0) for i in range(2)]
+    case = SimpleNamespace(
+        fit_rows=flags, held_rows=[~f for f in flags], vector=lambda *a, **k: np.ones(ROWS),
+        forward=SimpleNamespace(robot=lambda: SimpleNamespace(joints=())),
+    )  # fmt: skip
+    case.masked = lambda *a: Case.masked(case, *a)
+    more = laws.hypothesis(done, laws.TORQUE)
+    search = Search(
+        case, [more], GapParams(beam=2, most_terms=2), SimpleNamespace(ordered=ordered),
+        lambda *_: None, {}, lambda some: [Batch((h,), (None,)) for h in some],
+    )  # fmt: skip
+    search.only, search.setting = [0], Setting(GapParams(), {}, {}, 3.0, ())
+    models = [whole(m.parts) for m in singles]
+    search.fits = {m.key: m for m in models}
+    search.together(Pool(fitted_as((), [loud] * 2), fitted_as((), [loud] * 2), models))
+    assert [*dict.fromkeys(begun)] == [*names.values()][:extended]
+
+
+def fitted_as(parts, residuals):
+    """A model that leaves residuals, of which the last record's judge."""
+    held = [np.full_like(residuals[0], np.nan), residuals[1]]
+    rms = evidence.rms(residuals[:1])
+    return Fitted(tuple(parts), {}, rms, evidence.score(held), tuple(residuals), 1.0)
+
+
 DRY = {"name": "coulomb_friction", "torque": 3.0}
 LATE = {"name": "command_delay", "delay": 0.004}
 
@@ -188,7 +330,8 @@ def test_the_best_of_a_tournament_are_fitted_and_more_of_them_in_a_close_race(rm
         zip(rms, [parts for parts, *_ in tasks], strict=True) if tasks else ()
     )
     search._fit = lambda some: kept.update(dict.fromkeys(parts[0][0].key for parts in some)) or []
-    search._tournament(wanted, 2)
+    search.report = lambda *_: None
+    search._tournament(wanted, 2, (0.0, 1.0))
     assert "".join(sorted(kept)) == fitted
 
 
@@ -209,7 +352,7 @@ def test_a_second_law_is_tried_in_all_joints_where_these_explain_more_than_the_b
     search = object.__new__(Search)
     search.params, search.joints, search.report = GapParams(), joints, None
     search._screen = lambda *arguments: results
-    search._tournament = lambda wanted, most: kept.extend(wanted) or []
+    search._tournament = lambda wanted, *_: kept.extend(wanted) or []
     model = SimpleNamespace(parts=(both,))
     search._deepen([model], SimpleNamespace(screened=[], base=None), 2)
     second = [parts[1][0] for parts in kept if parts[1][0].joints]

@@ -91,7 +91,7 @@ def test_what_does_most_beside_the_others_is_a_rival_where_a_gap_is_left(effects
     judging.found = Some(models=[], screened=[])
     judging.search = Some(
         setting=None, adequate=lambda model: adequate, beside=beside, energy=lambda model: 1.0,
-        fitted=lambda wanted: [
+        fitted=lambda wanted, rivals: [
             Some(parts=parts, key=" + ".join(h.effect for h, _ in reversed(parts)))
             for parts in wanted
         ],
@@ -112,7 +112,7 @@ def test_a_look_alike_is_tried_however_many_rivals_there_are():
     known = [Some(parts=(at_knee(name),), key=name) for name in others]
     judging, asked = judgement(), []
 
-    def fitted(wanted):
+    def fitted(wanted, rivals):
         asked.extend(parts[0][0].effect for parts in wanted)
         return [Some(parts=parts, key=parts[0][0].effect) for parts in wanted]
 
@@ -144,7 +144,7 @@ def test_two_effects_with_fewer_parameters_are_tried_in_place_of_one(effects, pa
 
     judging = judgement(fits={n: model(n) for n in ("cable_force", "constant_force")})
     judging.found = Some(screened=[])
-    judging.search = Some(beside=beside, energy=lambda m: 1.0, fitted=list)
+    judging.search = Some(beside=beside, energy=lambda m: 1.0, fitted=lambda wanted, _: wanted)
     tried = judging._pairs(model(*effects))
     assert [" + ".join(h.effect for h, _ in parts) for parts in tried] == pairs
 
@@ -310,7 +310,7 @@ def judged(monkeypatch):
         search = Some(
             params=Some(seed=0, accuracy=0.0, free_spread=0.3), nominal={}, setting=None,
             asked=False, adequate=lambda m: not has_gap(m.whole),
-            energy=lambda m: np.log(m.fit_rms * m.held.rms), in_reach=lambda model, among: True,
+            energy=lambda m: np.log(m.fit_rms * m.held.rms), in_reach=lambda *_: True,
             each=lambda function, tasks: [task[0] for task in tasks],
         )  # fmt: skip
         result = Challenging(case, search, Some(base=base, given=base, models=list(found)))
@@ -343,6 +343,16 @@ def test_an_effect_is_dropped_if_the_model_without_it_is_as_good_and_stays_if_no
     assert found.decision.names == (DRY,)
     found, _ = judged([both], [fitted(DRY, rms=1.6)])
     assert found.decision.names == (DRY, WET)
+
+
+@pytest.mark.parametrize(("rms", "less"), [(0.3, 0.06), (2.0, 0.04)])
+def test_what_may_be_nothing_is_challenged_only_beside_effects_that_leave_a_gap(judged, rms, less):
+    """Most of a judgement went to three effects in place of two that explained the data."""
+    dry, both = fitted(DRY, rms=rms), fitted(DRY, WET, rms=rms - less)
+    assert weigh([both, dry, fitted(rms=10.0)], 0).best is both
+    found, tried = judged([both, dry])
+    assert found.best.key == dry.key and dry.key in tried
+    assert (both.key in tried) is has_gap(dry.whole)
 
 
 def test_an_effect_whose_size_may_be_zero_goes_if_the_rest_stands(judged):
@@ -409,7 +419,7 @@ def test_a_model_is_fitted_to_convergence_once_and_again_if_a_better_start_is_fo
         tried.extend(model.key for model, _, near in tasks)
         return [model for model, *_ in tasks]
 
-    search = Some(each=each, setting=None, in_reach=lambda model, among: True,
+    search = Some(each=each, setting=None, in_reach=lambda *_: True,
                   energy=lambda m: m.fit_rms)  # fmt: skip
     first, better = fitted(DRY, rms=2.0), fitted(DRY, rms=1.0)
     judging = judgement(search=search, fits={first.key: first}, converged={""})

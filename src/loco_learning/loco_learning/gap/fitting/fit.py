@@ -145,6 +145,7 @@ class Problem:
         self.case, self.parts, self.scale, self.only = case, list(parts), setting.scale, only
         self.free, self.coarse = dict(free or setting.free), coarse
         self.nominal, self.spread = setting.nominal, setting.params.free_spread
+        self.evaluations = setting.params.evaluations
         self.each = [
             (h, *row)
             for h, x in self.parts
@@ -180,6 +181,11 @@ class Problem:
         parts, overrides = self.split(z)
         pulled = self.case.pulled(specs_of(parts), overrides, self.only, self.coarse)
         return self.line(z, *pulled)
+
+    @property
+    def budget(self) -> int:
+        """Largest number of simulations of a fit."""
+        return self.evaluations + 5 * (len(self.start) - 1)
 
     @property
     def quick(self) -> Problem | None:
@@ -260,6 +266,7 @@ class Setting:
         free: Initial guesses of these values.
         scale: Scale of the robust loss [floors].
         only: Indices of the records for rough fits.
+        hopeless: Cost in the model's own steps from which on a fit ends there.
     """
 
     params: GapParams
@@ -267,6 +274,7 @@ class Setting:
     free: dict[str, float]
     scale: float
     only: tuple[int, ...]
+    hopeless: float = math.inf
 
 
 def rough_fit(case: Case, parts: Parts, setting: Setting) -> tuple[float, tuple]:
@@ -302,9 +310,11 @@ def fit(case: Case, parts: Parts, setting: Setting, seek: bool = True) -> Fitted
     problem = Problem(case, parts, setting, coarse=True)
     if not len(problem.start):
         return weigh(case, parts, {}, seek=seek)
-    limit = setting.params.evaluations + 5 * (len(problem.start) - 1)
+    limit = problem.budget
     solution = minimise(problem, problem.start, problem.bounds, JACOBIAN_STEP, limit)
     parts, overrides = problem.split(solution.z)
+    if solution.cost > setting.hopeless:
+        return weigh(case, parts, overrides, solution.cost, seek=False)
     problem.case, problem.coarse = case.corrected(specs_of(parts), overrides), False
     terms = max(4, limit // 2), solution.jacobian, problem.quick
     solution = minimise(problem, solution.z, problem.bounds, JACOBIAN_STEP, *terms)
@@ -350,7 +360,7 @@ def to_minimum(case: Case, model: Fitted, setting: Setting) -> Fitted:
     strides = _halves(problem)
     if not strides:
         return model
-    budgets = params.beyond, params.evaluations + 5 * (len(problem.start) - 1)
+    budgets = params.beyond, problem.budget
     terms = problem.bounds, JACOBIAN_STEP, strides, budgets, problem.quick
     solution = lowest(problem, problem.start, *terms)
     if np.array_equal(solution.z, problem.start):

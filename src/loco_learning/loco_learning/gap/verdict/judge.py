@@ -9,14 +9,15 @@ of all models (`decide`).
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
 from ..fitting.fit import Fitted, Parts, fit, refit_model
-from ..fitting.search import Pool, Search
+from ..fitting.search import AT_JUMPS, Pool, Search
 from ..fitting.seen import finalize
 from ..hypotheses.families import restrict
 from ..hypotheses.hypotheses import Hypothesis
@@ -33,6 +34,8 @@ from .gauss_newton import gauss_newton
 from .rivals import RIVAL_NAMES, leading, look_alike_names, select
 from .sensitivity import sensitivities
 
+Progress = Callable[[float], Any]
+
 MAX_DEVIATION = 1.0  # deviation of a robot value above which sensitivities are recomputed (taste)
 LEADING = 4  # models that are fitted to convergence in any case
 MIN_PROBABILITY = 0.01  # probability above which a model is fitted to convergence
@@ -41,6 +44,7 @@ N_LOOK_ALIKES = 2  # look-alikes that are fitted in any case, if not fitted yet
 ROUNDS = 3  # models that are challenged at most (taste)
 UNNAMED = 1  # the same while the most probable one leaves too much to be named (taste)
 LOWER = {NAMED: PARTLY, PARTLY: UNKNOWN}  # verdict if values of the robot imitate what is missing
+FIRST, LATER, SETTINGS = 0.1, 0.4, 0.9  # completed shares, see `Judgement.span` (9 benches)
 LITTLE_BESIDE = 0.1  # size over the largest of a family below which a joint is left out (taste)
 LESS, NEARLY = 0.4, 1.5  # the same for sizes within 1.5 half intervals of 0 (taste)
 
@@ -99,16 +103,20 @@ class Outcome:
         return [(m, p) for m, p in self.weights.ranked if m.parts and m.key != self.best.key]
 
 
-def judge(case: Case, search: Search, pool: Pool) -> Outcome:
+def judge(
+    case: Case, search: Search, pool: Pool, progress: Progress = lambda share: None
+) -> Outcome:
     """Judge the result of a search.
 
     Args:
         case: Model and data.
         search: Settings and processes.
         pool: Result of the search.
+        progress: Called with the completed share.
     """
-    judgement = Judgement(case, search, pool)
+    judgement = Judgement(case, search, pool, progress)
     result = judgement.result()
+    progress(SETTINGS)
     decision, after = result.decision, result.after
     if decision.verdict in (NAMED, PARTLY):
         options = [m for m, _ in result.rivals]
@@ -147,10 +155,13 @@ class Judgement:
         case: Model and data.
         search: Settings and processes.
         pool: Result of the search.
+        progress: Called with the completed share.
     """
 
-    def __init__(self, case: Case, search: Search, pool: Pool):
-        self.case, self.search, self.found = case, search, pool
+    def __init__(
+        self, case: Case, search: Search, pool: Pool, progress: Progress = lambda share: None
+    ):
+        self.case, self.search, self.found, self.progress = case, search, pool, progress
         self.fits = {m.key: m for m in reversed([pool.base, *pool.models])}
         self.converged: set[str] = {pool.base.key}
         self.replaced: set[str] = set()  # keys of models on a bound, for which others were fitted
@@ -179,9 +190,12 @@ class Judgement:
         """Probabilities of all models, once the most probable ones have been challenged."""
         first = {len(m.parts): m for m in reversed(self.found.models)}.values()
         self._finish([*self.found.models[:LEADING], *first])
+        self.progress(self.span[0])
         while True:
             weights = self._converged()
-            models = (weights.best, weights.supported(CRITERION.confidence))
+            models = weights.best, weights.supported(CRITERION.confidence)
+            if self.search.adequate(models[1]):
+                models = models[1:]  # what may be nothing beside it need not be challenged
             new = [m for m in models if m.parts and m.key not in self.lost]
             if not new or len(self.lost) >= (ROUNDS if self._nameable(new[0]) else UNNAMED):
                 return weights
@@ -259,15 +273,30 @@ class Judgement:
 
     def _challenge(self, model: Fitted) -> None:
         """Fit a model without each of its effects, with others instead, and with fewer joints."""
+        (begin, end), count = self.span, len(model.parts)
         self.about = model.specs if self._off(model) else None
         (model,) = self._put(self._anew([model]))
         self._finish([model])
         model = self.fits[model.key]
         without = self._put(self._without(model, i) for i in range(len(model.parts)))
         self.lost[model.key] = tuple(without)
-        variants = [m for i, each in enumerate(without) for m in self._swaps(model, i, each)]
+        variants = []
+        for i, each in enumerate(without):
+            variants += self._swaps(model, i, each)
+            self.progress(begin + 0.5 * (end - begin) * (i + 1) / count)
         variants += self._narrowed(model) + self._pairs(model)
         self._finish([*without, *self._put(variants)])
+        self.progress(end)
+
+    @property
+    def span(self) -> tuple[float, float]:
+        """Completed shares before and after the next challenge, each shorter than the one before.
+
+        How many follow is not known: models are fitted already, and most are challenged once.
+        """
+        return tuple(
+            SETTINGS - (SETTINGS - FIRST) * LATER ** (len(self.lost) + k) for k in range(2)
+        )
 
     def _narrowed(self, model: Fitted) -> list[Fitted]:
         """The model without the idle joints of its families, refitted; empty if there are none."""
@@ -299,7 +328,7 @@ class Judgement:
                 is_smaller = one.paid + len(s.hypothesis.coordinates) < model.paid
                 if is_smaller and s.hypothesis.effect not in (*one.names, *model.names):
                     parts.append((*one.parts, (s.hypothesis, s.x)))
-        return self.search.fitted(parts) if parts else []
+        return self.search.fitted(parts, self.fits.values()) if parts else []
 
     def _sensitivities(self, model: Fitted) -> tuple:
         """Result of `sensitivities` for a model as it was fitted, computed once."""
@@ -329,10 +358,9 @@ class Judgement:
         """
         keys = list(dict.fromkeys(m.key for m in models if m.key not in self.converged))
         among = [*self.fits.values()]
-        tasks = [
-            (self.fits[key], self.search.setting, self.search.in_reach(self.fits[key], among))
-            for key in keys
-        ]
+        selected = [self.fits[key] for key in keys]
+        in_reach = [self.search.in_reach(model, among, AT_JUMPS) for model in selected]
+        tasks = [(m, self.search.setting, on) for m, on in zip(selected, in_reach, strict=True)]
         for key, refined in zip(keys, self.search.each(finalize, tasks), strict=True):
             self.fits[key] = refined
         self.converged |= {*keys}
@@ -388,7 +416,8 @@ class Judgement:
             additional = self.search.beside(without, self.found.screened)
             excluded = {*fitted, *remaining, target.key, *(h.key for h, _ in new)}
             new += [(s.hypothesis, s.x) for s in additional if s.hypothesis.key not in excluded]
-        models = [*fitted.values(), *self.search.fitted([(*rest, part) for part in new])]
+        new_fits = self.search.fitted([(*rest, part) for part in new], self.fits.values())
+        models = [*fitted.values(), *new_fits]
         models.sort(key=lambda m: (self.search.energy(m), m.key))
         return self._anew(select(models, target, remaining))
 
