@@ -272,7 +272,7 @@ def test_what_is_no_recording(tmp_path):
     (tmp_path / "a.png").write_text("")
     refused(tmp_path / "a.png", SERVO, r"a.png is no recording: wanted are .mcap")
     (tmp_path / "echo.yaml").write_text("position:\n- 0.1\n---\n")
-    refused(tmp_path / "echo.yaml", SERVO, "instead of `ros2 topic echo`, `ros2 bag record` writes")
+    refused(tmp_path / "echo.yaml", SERVO, "a file of `ros2 topic echo` needs the ending .txt")
     (tmp_path / "a.csv").write_text("t,q\n0,1\n")
     refused(tmp_path / "a.csv", SERVO, "needs a mapping that says what its columns are")
 

@@ -47,6 +47,30 @@ def drafted(names, joints=(), time=T, wave=WAVE):
         ("iq_ref_knee", "command_torque", "knee"),
         ("knee error [mm]", "", "knee"),
         ("knee_temp_meas", "", "knee"),
+        ("knee_tqAct", "tau", "knee"),
+        ("knee_diff_pos", "", "knee"),
+        *(
+            (name, "", "knee")
+            for name in (
+                "target_qdd_knee",
+                "ddq_knee",
+                "knee_acceleration",
+                "knee_alpha_rad_s2",
+                "knee theta [rad/s²]",
+                "knee_vel_rad/s^2",
+                "knee q [m/s/s]",
+            )
+        ),
+        *(
+            (name, "", "")
+            for name in (
+                "actual_TCP_pose_0",
+                "target_TCP_speed_1",
+                "ee_pos_x",
+                "eef_force",
+                "cartesian velocity",
+            )
+        ),
     ],
 )
 def test_words_of_a_name_say_role_and_joint(name, role, joint):
@@ -290,6 +314,41 @@ def test_the_torque_of_a_controller_is_no_torque_beside_that_of_a_drive():
         assert (found["q_ref"], found["tau_ref"]) == ("command_position", "command_torque")
 
 
+def test_columns_that_are_alike_have_one_meaning_in_all_joints():
+    inverse = np.sin(1.7 * T)
+    for totals in range(4):  # joints whose torque is surely that of a controller
+        columns = {"t": T}
+        for i in range(3):
+            columns |= {f"q_{i}": Q[0], f"q_ref_{i}": GOAL[0]}
+            columns[f"tau_ref_{i}"] = TORQUE[0] if i < totals else inverse
+        text = draft.of_table(tables.Table(Path("a.csv"), columns), ("hip", "knee", "ankle"))
+        roles = [c.role for c in mapping.loads(text).columns]
+        assert roles.count("command_position") == (0 if totals > 1 else 3)
+        assert roles.count("command_torque") == 3
+
+
+def test_a_tool_beside_the_joints_is_none_of_them():
+    names = [f"{n}_{i}" for n in ("actual_q", "target_q", "actual_TCP_pose", "target_TCP_pose",
+                                  "target_qdd", "actual_TCP_force") for i in range(2)]  # fmt: skip
+    text, rules = drafted(["t", *names], ("hip", "knee"))
+    assert [c.column for c in rules.columns] == names[:4]
+    assert f"# Not used: {', '.join(names[4:])}" in text
+
+
+def test_a_torque_of_nan_alone_moved_nothing():
+    columns = {"t": T, "knee_pos": WAVE, "knee_torque": np.full(len(T), np.nan)}
+    text = draft.of_table(tables.Table(Path("a.csv"), columns), ("knee",))
+    assert [c.role for c in mapping.loads(text).columns] == ["q"]
+    assert "# Missing: a command of knee; if nothing drove it: undriven: [knee]" in text
+
+
+@pytest.mark.parametrize(("name", "step", "counts"), [("Timestamp", 1, True), ("t", 2, False),
+                         ("time_ms", 1, False), ("Timestamp", 0.01, False)])  # fmt: skip
+def test_a_time_may_count_rows(name, step, counts):
+    text, _ = drafted([name, "knee_pos"], ("knee",), time=step * np.arange(300.0) + 1100)
+    assert ("or a count of rows? Then say the rate" in text) == counts
+
+
 def test_a_column_that_rises_evenly_is_the_time_where_no_name_is_one():
     for name, step, rate in (("x_value", 0.005, "200 Hz"), ("name", 5.0, "200 Hz")):
         text, rules = drafted([name, "knee_pos", "knee_cmd"], time=step * np.arange(300))
@@ -372,6 +431,14 @@ def test_a_table_that_says_nothing_is_one_line():
         ("knee q [°]", "q", "deg"),
         ("knee_current [mA]", "tau", "mA"),
         ("knee_pos[0]", "q", ""),
+        ("vel_knee_degps", "dq", "deg/s"),
+        ("knee_vel_radps", "dq", "rad/s"),
+        ("knee_pos_turns", "q", "rev"),
+        ("knee_vel_turns", "dq", "rev/s"),
+        ("knee_pos_rev_1", "q", "rev"),
+        ("knee_pos [turn]", "q", "rev"),
+        ("knee.vel_estimate [turn/s]", "dq", "rev/s"),
+        ("knee_pos_deg[0]", "q", "deg"),
     ],
 )
 def test_a_unit_in_a_name_is_one_of_its_role(name, role, unit):
@@ -472,7 +539,7 @@ def test_columns_that_are_only_called_as_joints_are_positions(tmp_path):
 
 
 def test_a_row_for_each_joint_is_told(tmp_path):
-    rows = "".join(f"{0.1 * i},{joint},{i}\n" for i in range(9) for joint in ("hip", "knee"))
+    rows = "".join(f"{0.1 * i},{joint},{i}\n" for joint in ("hip", "knee") for i in range(9))
     with pytest.raises(
         ParameterError, match="joint names the joint of each row .hip, knee.; write"
     ):

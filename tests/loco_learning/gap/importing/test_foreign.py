@@ -310,6 +310,32 @@ def test_a_locked_joint_stays_where_it_was_held(tmp_path):
     assert [c.column for c in rules.columns] == ["q[1]", "q[2]"]
 
 
+def test_a_joint_that_nothing_drove_was_told_no_torque(tmp_path):
+    np.savetxt(tmp_path / "a.csv", np.column_stack([T, FOUND[:, 0]]), delimiter=",",
+               header="t,a", comments="")  # fmt: skip
+    pendulum = robots.load("pendulum")
+    text = "time: {column: t}\ncolumns: [{column: a, role: q, joint: pivot}]\n"
+
+    def read(text, robot):
+        return importing.load(tmp_path / "a.csv", robot, mapping.loads(text))
+
+    with pytest.raises(LocoError, match=r"add to the mapping: undriven: \[pivot\]"):
+        read(text, pendulum)
+    (record,) = read(text + "undriven: [pivot]", pendulum)
+    assert not record.command_of(pendulum, "torque").any() and record.driven == ("pivot",)
+    held = robots.load("servo_pendulum")
+    for wrong, robot, words in (
+        (f"undriven: [{held.joints[0]}]", held, "kind: torque"),
+        ("undriven: [elbow]", pendulum, "named 'elbow'"),
+        ("undriven: [pivot]\n", pendulum, "has a command"),
+    ):
+        columns = text.replace("pivot", held.joints[0]) if robot is held else text
+        if words == "has a command":
+            columns = text.replace("]", ", {column: a, role: command_torque, joint: pivot}]")
+        with pytest.raises(LocoError, match=words):
+            read(columns + wrong, robot)
+
+
 def test_episodes_of_lerobot(tmp_path):
     pa = pytest.importorskip("pyarrow")
     pq = pytest.importorskip("pyarrow.parquet")

@@ -113,6 +113,16 @@ def test_the_way_of_comparison_follows_from_what_was_measured(model, damping, gr
     assert led.forward(model, [pushed(damping, gravity=gravity)]).how == how
 
 
+@pytest.mark.parametrize("model", [PENDULUM, RUBS])
+def test_a_body_that_nothing_drives_is_judged_in_pieces(model):
+    """Torques of 0 were not measured along the motion: all that moves it needs none."""
+    told = swung()
+    rest = replace(told, command={"torque": 0.0 * told.command["torque"]})
+    forward = led.forward(model, [rest])
+    assert forward.how == Forward.how and forward.params.window > 0.0
+    assert [str(c) for c in forward.channels] == ["q pivot"]
+
+
 ROTARY = """<robot name="rotary"><link name="base"/>
 <link name="arm"><inertial><origin xyz="0.1 0 0"/><mass value="0.2"/>
 <inertia ixx="1e-4" iyy="2e-3" izz="2e-3" ixy="0" ixz="0" iyz="0"/></inertial></link>

@@ -139,7 +139,7 @@ def _fitting(text: str, rules: Mapping, robot: str) -> str:
 
     Joints without any column, such as the fingers of an arm, are locked where they stand.
     """
-    roles = {column.role for column in rules.columns}
+    roles = {*(column.role for column in rules.columns), *["command_torque"] * bool(rules.undriven)}
     if "command_torque" in roles and "command_position" not in roles:
         text = text.replace("[control_rate, drives]", "[control_rate]")
         text = re.sub(r"kind: impedance, [^}]*", "kind: torque", text)
@@ -222,7 +222,7 @@ def load(
         return _from_bag(open_bag(path), name_of(path), robot, rules, judge)
     if path.is_file() and not tables.is_table(path):
         echoed = path.suffix in (".yaml", ".yml")
-        hint = "; instead of `ros2 topic echo`, `ros2 bag record` writes one" if echoed else ""
+        hint = "; a file of `ros2 topic echo` needs the ending .txt" if echoed else ""
         raise ParameterError(
             f"{path.name} is no recording: wanted are {', '.join(BAG_TYPES)}, "
             f"{', '.join(tables.SUFFIXES)}, and .gz of texts{hint}"

@@ -96,7 +96,7 @@ def of_table(
     time, head = _time(table)
     value_columns = {name: values for name, values in table.columns.items() if name != time}
     for name, values_of in table.labels.items():
-        if len(values_of) > 1 and set(values_of) <= set(joints):
+        if len(values_of) > 1 and set(values_of) <= set(joints):  # that do not take turns
             raise ParameterError(
                 f"{table.path.name}: {name} names the joint of each row ({', '.join(values_of)}); "
                 "write one row for each time, with columns for each joint such as "
@@ -105,7 +105,7 @@ def of_table(
     spelled = words.spelled_out(value_columns)
     guesses = _guesses(spelled, joints)
     unread = [x for x, guess in guesses.items()
-              if guess.role in UNREAD and not value_columns[x].any()]  # fmt: skip
+              if guess.role in UNREAD and not np.nan_to_num(value_columns[x]).any()]  # fmt: skip
     speed = any(guess.role == "dq" for x, guess in guesses.items() if x not in unread)
     turn = _counts([x for name, x in value_columns.items() if guesses[name].role in ANGLES])
     by_number = _by_number(table, guesses, spelled, joints)
@@ -246,13 +246,17 @@ def written(
     left = [name for name in names if name not in assigned]
     text += [f"# Not used: {', '.join(left)}"] if left else []
     text += [f"# {unmatched[0].upper()}{unmatched[1:]}"] if strangers else []
-    for role, joint in missing(first, joints, passive):
-        follow = ", ".join((candidates or {}).get(joint, ())) if role != "q" else ""
-        text.append(
-            f"# Missing: {role} of {joint}"
-            + f"; {follow} follows its position: is it one?" * bool(follow)
-        )
+    text += [_missing(role, joint, candidates or {}) for role, joint in
+             missing(first, joints, passive)]  # fmt: skip
     return "\n".join(text) + "\n"
+
+
+def _missing(role: str, joint: str, candidates: Mapping[str, Sequence[str]]) -> str:
+    """Line on a role of a joint that no column has."""
+    columns = ", ".join(candidates.get(joint, ()))
+    hint = f"; if nothing drove it: undriven: [{joint}]"
+    hint = f"; {columns} follows its position: is it one?" if columns else hint
+    return f"# Missing: {role} of {joint}{hint * (role != 'q')}"
 
 
 def _positions(lines: Sequence[Line]) -> list[str]:
@@ -302,9 +306,17 @@ def _one_command(
     """
     by_role = {(line.role, line.joint): columns[line.column] for line in reversed(lines)}
     result, notes = list(lines), dict[str, str]()
+    votes: dict[tuple[str, ...], list[bool]] = {}  # joints whose columns are alike are told alike
+    for line in lines:
+        if line.role == "command_torque":
+            votes.setdefault(_template(line), []).append(_is_total(line.joint, by_role))
     for line in lines:
         motion = [x for x in lines if x.joint == line.joint and x.role in MOTION_COMMANDS]
-        if line.role != "command_torque" or not motion or not _is_total(line.joint, by_role):
+        if (
+            line.role != "command_torque"
+            or not motion
+            or not 2 * sum(votes[_template(line)]) > len(votes[_template(line)])
+        ):
             continue
         if line.joint in follows:
             other = replace(line, role="tau").also("of the drive, which is told positions")
@@ -315,6 +327,12 @@ def _one_command(
             text = f"# Left out: {', '.join(left)}; {line.column} is all that the motor is told?"
             notes |= dict.fromkeys(left, text)
     return result, notes
+
+
+def _template(line: Line) -> tuple[str, ...]:
+    """Words of the name of a column that do not say its joint."""
+    of_joint = words.split_name(line.joint)
+    return tuple(w for w in words.split_name(line.column) if not w.isdigit() and w not in of_joint)
 
 
 def _is_total(joint: str, columns: Mapping[tuple[str, str], np.ndarray]) -> bool:
@@ -469,6 +487,8 @@ def _time(table: tables.Table) -> tuple[str, list[str]]:
         symbol = unit or (fits or ["s"])[0]
         rate = 1.0 / (step * units.factor(symbol)) if step > 0.0 else 0.0
         comment = f"rises by {step:.6g}, {rate:.4g} Hz" if rate else "does not rise in most rows"
+        counts = not unit and np.all(np.diff(finite) == 1.0)
+        comment += "; or a count of rows? Then say the rate: time: {rate: }" * bool(counts)
         comment += "" if is_named else ", and no name is a time: this?"
         line = f"time: {{column: {_quoted(name)}, unit: {symbol}}}  # {comment}"
         candidates.append((is_named, step > 0.0, is_clock, name, [line]))

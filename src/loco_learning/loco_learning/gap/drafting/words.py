@@ -22,8 +22,12 @@ SETS, INPUTS = frozenset(("set",)), frozenset(("u", "input", "inputs"))
 FEEDS = frozenset(("ff", "feedforward"))  # commands too; torques without another word
 CONTROLS = frozenset(("ctrl",))  # as inputs, where no other word says what they are
 DESIRED = frozenset("d r c".split())  # desired, of the column whose name lacks this letter
-# Of a loop or a drive, and neither a command nor a motion.
-SETTINGS = frozenset("error errors err kp ki kd gain gains mode temp temperature".split())
+# Of a loop, a drive or a tool, and neither a command nor a motion of a joint.
+SETTINGS = frozenset(
+    "error errors err diff kp ki kd gain gains mode temp temperature "
+    "acc accel acceleration accelerations qdd ddq qddot ddtheta qacc jerk "
+    "tcp ee eef endeffector cartesian wrench flange".split()
+)
 MEASURED = frozenset(
     "meas measured actual act state states feedback fbk fb present observation ist istwert".split()
 )
@@ -32,7 +36,7 @@ QUANTITIES = {
     "theta phi alpha beta gamma psi",
     "velocity": "vel velocity velocities dq qd qdot qvel thetadot dtheta speed speeds omega "
     "drehzahl geschwindigkeit geschw",
-    "torque": "tau torque torques effort efforts trq force forces load moment moments kraft "
+    "torque": "tau torque torques effort efforts trq tq force forces load moment moments kraft "
     "drehmoment",
     "current": "current currents cur amps strom iq",
 }
@@ -41,7 +45,9 @@ ROLES = {"position": "q", "velocity": "dq", "torque": "tau", "current": "tau"}
 UNITS = {
     "deg": "deg", "degree": "deg", "degrees": "deg", "rad": "rad", "radian": "rad", "mm": "mm",
     "rpm": "rpm", "dps": "deg/s", "nm": "N m", "mnm": "mN m", "ma": "mA", "amp": "A", "rads": "rad",
+    "degps": "deg/s", "radps": "rad/s", "rps": "rev/s", "rev": "rev", "revs": "rev", "turns": "rev",
 }  # fmt: skip
+IN_BRACKETS = {"turn": "rev", "turn/s": "rev/s"}  # units there, and words elsewhere
 TIMES = {
     "t": "", "ts": "", "time": "", "zeit": "", "timestamp": "", "stamp": "", "times": "",
     "clock": "", "tick": "", "tout": "",
@@ -66,6 +72,9 @@ VOCABULARY = frozenset(
 _ENDS = re.compile(
     r"(.{2,})(pos|position|angle|winkel|vel|velocity|speed|drehzahl|geschwindigkeit|geschw|torque|"
     r"moment|kraft|current|strom)"
+)
+_ACCELERATION = re.compile(  # a unit of acceleration in a name, such as rad_s2
+    r"(?:rad|deg|m)(?:[/_ .]|p(?:er)?)s(?:ec)?(?:\^|\*\*)?[2²]|/s/s", re.IGNORECASE
 )
 _SPLIT = re.compile(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+|\d+")
 
@@ -128,7 +137,7 @@ def guess(name: str, joints: Sequence[str] = ()) -> Guess:
     commanded = next(filter(_commands(of, is_explained).__contains__, rest), "")
     marker = commanded or next(filter(MEASURED.__contains__, rest), "")
     kind = {**LETTER_OF, **_OF_WORD}.get(of) or _kind_of_unit(name, marker)
-    if not kind or not SETTINGS.isdisjoint(rest):
+    if not kind or not SETTINGS.isdisjoint(rest) or _ACCELERATION.search(name):
         return Guess("", "", joint, "")
     role = f"command_{'torque' if kind == 'current' else kind}" if commanded else ROLES[kind]
     unit = _unit(name, role) or ("A" if kind == "current" else "")
@@ -235,8 +244,9 @@ def _unit(name: str, role: str) -> str:
 
 def _units_in(name: str) -> list[str]:
     """Texts in a name that may be a unit: in brackets, at its end, or as a word."""
-    suffix = re.split(r"[\s_.]", name)[-1]
+    suffix = next((x for x in re.split(r"[\s_.\[\]]+", name)[::-1] if x.strip("0123456789")), "")
     candidates = re.findall(r"[\[(]([^\])]*[^\d\])][^\])]*)[\])]", name)
+    candidates = [IN_BRACKETS.get(text, text) for text in candidates]
     candidates += [suffix] if len(suffix) > 1 else []
     return candidates + [UNITS[token] for token in split_name(name) if token in UNITS]
 

@@ -38,12 +38,21 @@ def present(name: str, tracks: Sequence[Track], robot: Robot) -> None:
     roles = {track.role for track in tracks}
     listed = ", ".join(sorted(roles)) or "none"
     if "q" not in roles:
-        raise ParameterError(f"{name}: role q (measured positions) is missing; it has {listed}")
-    if not any(role.startswith("command_") for role in roles):
-        hint = "; if the measured torque moved the robot, its role is command_torque"
+        hint = "; for want of angles, add a column with the integral of the velocity"
         raise ParameterError(
-            f"{name}: a command is missing (one of {', '.join(REQUIRED[1:])}); it has {listed}"
-            f"{hint * ('tau' in roles)}"
+            f"{name}: role q (measured positions) is missing; it has {listed}"
+            f"{hint * ('dq' in roles)}"
+        )
+    if not any(role.startswith("command_") for role in roles):
+        joints = ", ".join(robot.joints[i] for i in robot.driven)
+        hint = (
+            "; if the measured torque moved the robot, its role is command_torque"
+            if "tau" in roles
+            else f"; if nothing drove the robot, add to the mapping: undriven: [{joints}]"
+        )
+        wanted = ", ".join(REQUIRED[1:])
+        raise ParameterError(
+            f"{name}: a command is missing (one of {wanted}); it has {listed}{hint}"
         )
     for index in robot.driven:
         _commanded(name, robot.joints[index], set(sources), robot)

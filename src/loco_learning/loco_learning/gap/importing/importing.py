@@ -138,9 +138,12 @@ def records(
     rules = [rule for rule in mapping.records if fits(rule, file, source.header)]
     result: list[Record] = []
     for i, rule in enumerate(rules):
+        read = tracks.undriven(
+            tracks.from_source(source, mapping, rule, robot), mapping.undriven, robot
+        )
         first, *later = align.records(
             title(rule, source, i, len(rules)),
-            tracks.locked(tracks.from_source(source, mapping, rule, robot), mapping.locked, robot),
+            tracks.locked(read, mapping.locked, robot),
             robot,
             rate=mapping.rate,
             role=rule.role,

@@ -18,7 +18,7 @@ from loco_control.reading import as_text, parse_csv, parse_json, read_bytes, und
 
 from ..recordings import units
 from ..recordings.record import Doubt
-from . import foreign
+from . import echoed, foreign, joint_rows
 
 BINARY = {
     ".pt": foreign.torch_columns, ".parquet": foreign.parquet_columns,
@@ -186,6 +186,10 @@ def _kind(path: Path) -> str:
 
 def _from_csv(path: Path, text: str) -> Table:
     """Columns under a line of names, without empty columns that have no name."""
+    if echoed.is_echo(text):
+        rows = echoed.messages(text)
+        names = {name: None for row in rows for name in row}
+        return _of_cells(path, {name: [row.get(name, "") for row in rows] for name in names})
     filled = [line for line in text.splitlines() if line.strip()]
     lines = [line for line in filled if not line.startswith("#")]
     if not lines:
@@ -230,7 +234,11 @@ def _named(
     elif _is_mostly_numbers(names):
         rows, above = [first, *rows], filled[: filled.index(lines[top])]
         numbers = [str(i + 1) for i in range(len(first))]
-        names = _commented(above, separator, len(first)) or numbers
+        names = (
+            _commented(above, separator, len(first))
+            or echoed.names_of_joint_states(first)
+            or numbers
+        )
     notes = [f"{top} lines above the names are no samples, the first is {lines[0].strip()!r}"]
     notes = notes * bool(top) + [f"line {lines[i].strip()!r} is no sample" for i in settings]
     return names, rows, notes
@@ -324,7 +332,7 @@ def _samples(rows: list[Sequence[str]], head: Sequence[str]) -> tuple[list, tupl
         text = filled[0] if len(filled) == 1 < len(row) else ""
         if tuple(cell.strip() for cell in row) == header:
             remarks.setdefault("", []).append(number)
-        elif text and text[0] != "[" and _number(text) is None and _seconds(text) is None:
+        elif text and text[0] not in "[(" and _number(text) is None and _seconds(text) is None:
             remarks.setdefault(text, []).append(number)
         else:
             retained.append(row)
@@ -342,6 +350,8 @@ def _of_cells(
     notes: tuple[str, ...] = (),
 ) -> Table:
     """Table of named columns of cells, with a column for each pair of seconds and nanoseconds."""
+    cells, row_notes = joint_rows.divided(cells, _number_or_time)
+    notes = (*notes, *row_notes)
     columns: dict[str, np.ndarray] = {}
     messages: dict[str, str] = {}
     labels: dict[str, tuple[str, ...]] = {}
@@ -349,15 +359,17 @@ def _of_cells(
     clocks: list[str] = []
     for name, values in cells.items():
         try:
-            if any(str(value).lstrip().startswith("[") for value in values[:1]):
+            if values and _items(values[0]) is not None:
                 columns |= _lists(path, name, values)
                 continue
             columns[name], text_cells, is_time = _numbers(path, name, values)
         except ParameterError as error:
             messages[name] = str(error)
-            labels[name] = tuple(
+            texts = labels[name] = tuple(
                 dict.fromkeys(str(v).strip() for v in values if v not in ("", None))
             )
+            items = _items(texts[0]) if len(texts) == 1 else None  # names of joints
+            labels |= {f"{name}[{i}]": (item.strip("'\""),) for i, item in enumerate(items or ())}
             continue
         clocks += [name] * is_time
         if text_cells is not None:
@@ -387,7 +399,7 @@ def _combined_stamps(columns: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]
 
 def _lists(path: Path, name: str, cells: Sequence[str]) -> dict[str, np.ndarray]:
     """Columns from cells that are lists of numbers, ``"[0.1, 0.2]"``, as ``name[0]`` and so on."""
-    rows = [re.split(r"[,;\s]+", str(cell).strip().strip("[]").strip()) for cell in cells]
+    rows = [_items(cell) or [""] for cell in cells]
     for line, row in enumerate(rows):
         if len(row) != len(rows[0]):
             raise ParameterError(
@@ -402,6 +414,18 @@ def _lists(path: Path, name: str, cells: Sequence[str]) -> dict[str, np.ndarray]
                 f"{path.name}: column {name!r} lists {max(text_cells)!r}, no number"
             )
     return result
+
+
+def _items(cell: Any) -> list[str] | None:
+    """Texts of the values of a cell that is a list; None if it is none.
+
+    Lists are in brackets or parentheses, also as Python writes arrays: ``array('d', [0.1, 0.2])``.
+    """
+    text = str(cell).strip()
+    text = text.partition(",")[2].strip() if text.startswith("array(") else text
+    if text[:1] not in ("[", "("):
+        return None
+    return re.split(r"[,;\s]+", text.strip("[]() ,;\t\r\n"))
 
 
 def _separator(line: str) -> str:
@@ -486,6 +510,12 @@ def _number(cell: Any, comma: bool = True) -> float | None:
         return float(token)
     except ValueError:
         return None
+
+
+def _number_or_time(cell: Any) -> float | None:
+    """Number of a cell, or time of a date; None for another text."""
+    number = _number(cell)
+    return _seconds(str(cell)) if number is None else number
 
 
 def _seconds(text: str) -> float | None:

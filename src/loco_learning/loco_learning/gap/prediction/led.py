@@ -70,10 +70,10 @@ def forward(
 
     It simulates whole records if initial states decay within a record, and otherwise computes
     torques along the motion. If a controller computed the torque from the velocity, so that
-    friction would explain all of it, or if a joint has no drive, whose small torques acceleration
-    hides, it simulates pieces that start in the measured state. The choice depends on commands,
-    measurements and the inertia of the given model, never on what is tried, so that all models are
-    compared alike.
+    friction would explain all of it, if a joint has no drive, whose small torques acceleration
+    hides, or if no torque was commanded, it simulates pieces that start in the measured state. The
+    choice depends on commands, measurements and the inertia of the given model, never on what is
+    tried, so that all models are compared alike.
     """
     direct = Forward(model, records, params)
     if direct.params.window or not torque_driven(direct):
@@ -87,7 +87,7 @@ def forward(
     duration = float(np.mean([record.duration for record in records]))
     if min(joint.decay for joint in responses) * duration >= DECAY_TIMES:
         return direct
-    if not possible(direct):
+    if not possible(direct) or not told(direct):
         return Forward(model, records, divided)
     return InverseDynamics(model, records, params)
 
@@ -120,6 +120,13 @@ def swings(forward: Forward) -> np.ndarray:
         inertial.append(np.var(inertia * acceleration, axis=0)[robot.driven])
         measured.append(np.var(torque[rows], axis=0))
     return np.sqrt(np.sum(inertial, axis=0) / np.maximum(np.sum(measured, axis=0), 1e-300))
+
+
+def told(forward: Forward) -> bool:
+    """True if a torque was commanded; torques of 0 are no measurement of those along a motion."""
+    return any(
+        np.any(_acting(record, forward.robot(i))) for i, record in enumerate(forward.records)
+    )
 
 
 def possible(forward: Forward) -> bool:

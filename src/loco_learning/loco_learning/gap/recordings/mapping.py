@@ -64,7 +64,7 @@ _RECORD = ("name", "file", "where", "rows", "from", "to", "rest", "role", "overr
 _KEYS = (
     *("format", "description", "files", "samples", "time", "rate", "physics_step", "columns"),
     *("header", "overrides", "records", "namespace", "base_pose", "trust_units", "locked", "mend"),
-    "missing",
+    *("missing", "undriven"),
 )
 
 
@@ -185,6 +185,7 @@ class Mapping:
     locked: dict[str, float] = field(default_factory=dict)
     mend: tuple[Mend, ...] = ()
     missing: float | None = None
+    undriven: tuple[str, ...] = ()
 
 
 @understood("whole mapping")
@@ -245,6 +246,7 @@ def loads(text: str, path: str | Path = FILE) -> Mapping:
             for joint, at in _keys(values.get("locked") or {}, None, "locked").items()
         },
         missing=_missing(values, "missing"),
+        undriven=tuple(map(str, _list(values, "undriven"))),
     )
 
 

@@ -183,6 +183,30 @@ def locked(tracks: list[Track], held: dict[str, float], robot: Robot) -> list[Tr
     return result
 
 
+def undriven(tracks: list[Track], joints: Sequence[str], robot: Robot) -> list[Track]:
+    """Tracks with commanded torques of 0 added for joints that nothing drove.
+
+    Raises:
+        ParameterError: The robot has no such joint, its drive accepts no torques, or the joint has
+            a command.
+    """
+    result, clock = list(tracks), next((track for track in tracks if track.role == "q"), None)
+    for joint in joints:
+        if joint not in robot.joints:
+            raise NameUnknownError("joint for undriven", joint, robot.joints)
+        if any(t.place == joint and t.role.startswith("command_") for t in tracks):
+            raise ParameterError(f"undriven: {joint} has a command; leave one of them out")
+        if joint in robot.drives and not isinstance(robot.drives[joint], TorqueDrive):
+            raise ParameterError(
+                f"undriven: {joint} has a drive that holds positions; say in robot.yaml: "
+                f"drives: {{{joint}: {{kind: torque}}}}"
+            )
+        if joint in robot.drives and clock is not None:
+            zero = np.zeros(len(clock.t))
+            result.append(Track("command_torque", joint, clock.t, zero, "undriven"))
+    return result
+
+
 def correct(tracks: Sequence[Track], mends: Sequence[Mend]) -> list[Track]:
     """Tracks after the corrections of a mapping, in their order; consecutive `is` act at once.
 

@@ -64,6 +64,8 @@ _SPELLINGS = {
     "volt": "V", "volts": "V", "ampere": "A", "amps": "A", "kg": "kgf", "kg·cm": "kg cm",
     "n·cm": "N cm", "ncm": "N cm", "nmm": "mN m", "n·mm": "mN m", "kgcm": "kg cm",
     "µm": "um", "μm": "um", "deg/sec": "deg/s", "rad/sec": "rad/s",
+    "degps": "deg/s", "dps": "deg/s", "radps": "rad/s", "rev/sec": "rev/s", "rps": "rev/s",
+    "revs": "rev", "turns": "rev", "turns/s": "rev/s", "rotations": "rev", "revolutions": "rev",
 }  # fmt: skip
 _OPERATORS = {
     ast.Add: operator.add,
