@@ -48,6 +48,9 @@ def drafted(names, joints=(), time=T, wave=WAVE):
         ("knee error [mm]", "", "knee"),
         ("knee_temp_meas", "", "knee"),
         ("knee_tqAct", "tau", "knee"),
+        ("knee_rpm", "dq", "knee"),
+        ("dps knee", "dq", "knee"),
+        ("knee_Nm", "tau", "knee"),
         ("knee_diff_pos", "", "knee"),
         *(
             (name, "", "knee")
@@ -312,6 +315,20 @@ def test_the_torque_of_a_controller_is_no_torque_beside_that_of_a_drive():
     for measured in (None, inverse + TORQUE[0]):
         found, _ = roles(inverse, measured)
         assert (found["q_ref"], found["tau_ref"]) == ("command_position", "command_torque")
+
+
+def test_a_goal_beside_speeds_alone_is_a_speed():
+    for names, roles in (
+        (["rpm_hip", "rpm_knee", "target_hip", "target_knee"], ["dq", "command_velocity"]),
+        (["hip", "knee", "rpm_hip", "rpm_knee", "goal_hip", "goal_knee"],
+         ["q", "dq", "command_position"]),
+        (["rpm_hip", "rpm_knee", "target_pos_hip", "target_pos_knee"], ["dq", "command_position"]),
+    ):  # fmt: skip
+        text, rules = drafted(["t", *names], ("hip", "knee"))
+        assert [(c.role, c.place) for c in rules.columns] == [
+            (role, joint) for role in roles for joint in ("hip", "knee")
+        ]
+        assert {c.unit for c in rules.columns if c.role == "command_velocity"} <= {"rpm"}
 
 
 def test_columns_that_are_alike_have_one_meaning_in_all_joints():

@@ -39,6 +39,29 @@ def test_even_stamps_do_not_jitter():
     assert observe.stamps([track(T)])["dq"]["jitter_ms"] == 0.0
 
 
+def test_a_first_row_of_zeros_is_no_reading_and_other_first_readings_are_told():
+    def of(first, others=0.0):
+        made = []
+        for i in range(2):
+            x = 0.3 + 0.2 * np.sin((3.0 + i) * T)
+            x[0] = x[0] if first is None else first + others * i
+            made.append(Track("q", f"joint{i}", T, x, "made"))
+        return [*made, Track("command_position", "joint0", T, np.sin(T), "made")]
+
+    for first, others, rows, words in (
+        (None, 0.0, 2000, ""), (0.0, 0.0, 1999, "is 0, far from the others: left out"),
+        (0.5, 0.0, 2000, "joint0 by 0.197, q of joint1 by 0.196"), (0.0, 0.31, 2000, "q of joint0"),
+    ):  # fmt: skip
+        notes = []
+        tracks = observe.without_placeholder(of(first, others), notes)
+        assert [len(k.t) for k in tracks] == [rows, rows, 2000]
+        assert len(notes) == bool(words) and all(words in note for note in notes)
+    single, notes = of(0.0)[:1], []
+    assert observe.without_placeholder(single, notes) == single and "rows: [1, null]" in notes[0]
+    flicker = track(np.where(T == 0.0, 1e-4, 0.0), "q")  # of a joint that stays
+    assert observe.without_placeholder([flicker, *of(None)], notes) and len(notes) == 1
+
+
 def test_cut_off_signals_are_told():
     wave = np.sin(3.0 * T) + 0.01 * np.random.default_rng(0).normal(size=len(T))
     notes = observe.notes([track(wave.clip(-0.8, 2.0), "tau")], 200.0, 4.5)

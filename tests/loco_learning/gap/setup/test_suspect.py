@@ -36,6 +36,7 @@ def later(change, factor):
         ({"q": DEGREE, "command_position": DEGREE}, "probably q is in deg"),
         ({"dq": 60 / (2 * np.pi)}, "dq is in rpm"),
         ({"dq": 1 / (2 * np.pi)}, "dq is in rev/s"),
+        ({"q": 1 / (2 * np.pi), "command_position": 1 / (2 * np.pi)}, "probably q is in rev"),
         ({"dq": -1.0}, "opposite sign"),
         ({"dq": 8.0}, "a wrong unit or scale"),
         ({"q": 1e3}, "probably q is in mrad"),

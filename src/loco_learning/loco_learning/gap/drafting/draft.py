@@ -149,7 +149,25 @@ def _guesses(spelled: Mapping[str, str], joints: Sequence[str]) -> dict[str, wor
     guesses |= {name: words.position(name, guess.joint) for name, guess in guesses.items()
                 if not guess.role and guess.joint not in read
                 and words.is_joint_name(name, guess.joint)}  # fmt: skip
-    return guesses | _in_order(guesses, joints)
+    return guesses | _in_order(guesses, joints) | _rates(guesses, spelled)
+
+
+def _rates(
+    guesses: Mapping[str, words.Guess], spelled: Mapping[str, str]
+) -> dict[str, words.Guess]:
+    """Guesses for goals that say no quantity, of joints of which only velocities were measured."""
+    rates = {words.subject(spelled[name]): guess for name, guess in guesses.items()
+             if guess.role == "dq"}  # fmt: skip
+    of_angles = {
+        words.subject(spelled[name]) for name, guess in guesses.items() if guess.role == "q"
+    }
+    return {
+        name: replace(guess, role="command_velocity", unit=rates[subject].unit,
+                      why=f"{guess.why} beside a velocity")
+        for name, guess in guesses.items()
+        if guess.role == "command_position" and not words.says_quantity(spelled[name])
+        and (subject := words.subject(spelled[name])) in rates.keys() - of_angles
+    }  # fmt: skip
 
 
 def _by_number(

@@ -47,6 +47,8 @@ UNITS = {
     "rpm": "rpm", "dps": "deg/s", "nm": "N m", "mnm": "mN m", "ma": "mA", "amp": "A", "rads": "rad",
     "degps": "deg/s", "radps": "rad/s", "rps": "rev/s", "rev": "rev", "revs": "rev", "turns": "rev",
 }  # fmt: skip
+# Units that are of one quantity alone, also where no word says that a column is measured.
+TELLING = frozenset("rpm dps degps radps rps nm mnm".split())
 IN_BRACKETS = {"turn": "rev", "turn/s": "rev/s"}  # units there, and words elsewhere
 TIMES = {
     "t": "", "ts": "", "time": "", "zeit": "", "timestamp": "", "stamp": "", "times": "",
@@ -135,7 +137,7 @@ def guess(name: str, joints: Sequence[str] = ()) -> Guess:
         unknown = _without(unknown, [of] * bool(of))
     is_explained = of or not (joint or joints) or all(map(str.isdigit, unknown))
     commanded = next(filter(_commands(of, is_explained).__contains__, rest), "")
-    marker = commanded or next(filter(MEASURED.__contains__, rest), "")
+    marker = commanded or next(filter(_markers(is_explained).__contains__, rest), "")
     kind = {**LETTER_OF, **_OF_WORD}.get(of) or _kind_of_unit(name, marker)
     if not kind or not SETTINGS.isdisjoint(rest) or _ACCELERATION.search(name):
         return Guess("", "", joint, "")
@@ -152,6 +154,11 @@ def _letter(name: str, unknown: Sequence[str]) -> str:
     letters = [w for w in unknown if not w.isdigit()]
     is_one = len(letters) == 1 and letters[0] in LETTER_OF and letters[0] in _SPLIT.findall(name)
     return letters[0] if is_one else ""
+
+
+def _markers(is_explained: bool) -> frozenset[str]:
+    """Words beside which a unit tells the quantity of a column that is no command."""
+    return MEASURED | (TELLING if is_explained else frozenset())
 
 
 def _commands(of: str, is_explained: bool) -> frozenset[str]:
@@ -187,6 +194,11 @@ def spelled_out(names: Iterable[str]) -> dict[str, str]:
 def stem(name: str) -> tuple[str, ...]:
     """Words of a name without those that say whether it is commanded or measured."""
     return tuple(w for w in split_name(name) if w not in COMMANDS | SETS | MEASURED)
+
+
+def says_quantity(name: str) -> bool:
+    """True if a name has a word or a unit of a quantity."""
+    return not (_OF_WORD.keys() | UNITS.keys()).isdisjoint(split_name(name))
 
 
 def measured(name: str, guess: Guess, command: str) -> Guess:

@@ -47,7 +47,7 @@ def records(name: str, tracks: Sequence[Track], robot: Robot, **about: Any) -> l
     tracks = correct(tracks, about.pop("mend", ()))
     couplings: list[str] = []
     tracks = followed(tracks, robot, couplings)
-    parts, notes = cuts.parts(name, tracks, checks.MIN_SAMPLES)
+    parts, notes = cuts.parts(name, tracks, checks.MIN_SAMPLES, checks.MIN_DURATION)
     about["notes"] = (*about.get("notes", ()), *couplings, *notes)
     names = [f"{name} part {i}" for i in range(1, len(parts) + 1)] if len(parts) > 1 else [name]
     return [record(n, part, robot, **about) for n, part in zip(names, parts, strict=True)]
@@ -93,7 +93,9 @@ def record(
     tracks = steady.steadied(stamped, messages)
     delays = [np.ptp(old.t - new.t) for old, new in zip(stamped, tracks, strict=True)
               if new.role == "q"]  # fmt: skip
-    tracks = [_ordered(name, track, messages) for track in tracks]
+    tracks = observe.without_placeholder(
+        [_ordered(name, track, messages) for track in tracks], messages
+    )
     wrapped = tracks
     tracks = [observe.unwrapped(track, robot, messages) for track in wrapped]
     tracks = [new if new is old else observe.beside_command(new, tracks, messages)

@@ -19,7 +19,41 @@ STUCK = 5  # consecutive samples at the largest value that are not by chance
 CLIPPED = 0.01  # share of samples at the largest value above which a signal is clipped
 DEVIATION = 1.4826  # standard deviation of a normal law over its median absolute value
 BEYOND = 1.1  # torque over the limit of the model from which on it is above it (taste)
+FIRST = 5.0  # first step of a position over the largest later one, beyond a motion (taste)
+FLICKER = 0.01  # step over the largest motion, below which it may be one of an encoder (taste)
 LEVELS = 20  # a signal of fewer different values is a switch, not a clipped one
+
+
+def without_placeholder(tracks: list[Track], messages: list[str]) -> list[Track]:
+    """Signals of joints without a first row of zeros, written before anything was read.
+
+    Args:
+        tracks: All signals, with increasing time stamps.
+        messages: List to which a sentence is appended on such a row, and on any first position far
+            from the second.
+    """
+    positions = [k for k in tracks if k.role == "q" and len(k.x) > LEVELS]
+    flicker = FLICKER * max((float(np.ptp(k.x[1:])) for k in positions), default=0.0)
+    jumps = []
+    for track in positions:
+        steps = np.abs(np.diff(track.x))
+        if steps[0] > max(FIRST * np.max(steps[1:]), flicker):
+            jumps.append(f"{track.label} by {steps[0]:.3g}")
+    if not jumps:
+        return tracks
+    if len(positions) == 1 or any(track.x[0] for track in positions):
+        messages.append(
+            Doubt(
+                f"the first reading is far from the second, {', '.join(jumps)}, beyond all later "
+                "steps: if it is none, leave it out with rows: [1, null]"
+            )
+        )
+        return tracks
+    messages.append(Doubt("the first reading of all joints is 0, far from the others: left out"))
+    start = positions[0].t[0]
+    return [replace(k, t=k.t[1:], x=k.x[1:])
+            if k.role in ("q", "dq", "tau") and k.t[0] == start and k.x[0] == 0.0 else k
+            for k in tracks]  # fmt: skip
 
 
 def unwrapped(track: Track, robot: Robot, notes: list[str]) -> Track:

@@ -365,10 +365,10 @@ def _of_cells(
             columns[name], text_cells, is_time = _numbers(path, name, values)
         except ParameterError as error:
             messages[name] = str(error)
-            texts = labels[name] = tuple(
+            labels[name] = tuple(
                 dict.fromkeys(str(v).strip() for v in values if v not in ("", None))
             )
-            items = _items(texts[0]) if len(texts) == 1 else None  # names of joints
+            items = _items(labels[name][0]) if len(labels[name]) == 1 else None  # names of joints
             labels |= {f"{name}[{i}]": (item.strip("'\""),) for i, item in enumerate(items or ())}
             continue
         clocks += [name] * is_time

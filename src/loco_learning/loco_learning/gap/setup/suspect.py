@@ -48,6 +48,7 @@ RATIOS = {
     1.0 / DEGREE: "q is in deg (or dq is in rad/s and read as deg/s)",
     60.0 / (2.0 * np.pi): "dq is in rpm",
     1.0 / (2.0 * np.pi): "dq is in rev/s",
+    2.0 * np.pi: "q is in rev (or dq is in rad/s and read as rev/s)",
     1e3: "the time is in ms (or dq in mrad/s)",
     1e-3: "the time is in s and read as ms (or q in mrad)",
     1e6: "the time is in us",
@@ -57,6 +58,7 @@ RATIOS = {
 MEND = {
     RATIOS[DEGREE]: ("dq", UNIT, "deg/s"),
     RATIOS[1.0 / DEGREE]: ("q", UNIT, "deg"),
+    RATIOS[2.0 * np.pi]: ("q", UNIT, "rev"),
     RATIOS[60.0 / (2.0 * np.pi)]: ("dq", UNIT, "rpm"),
     RATIOS[1.0 / (2.0 * np.pi)]: ("dq", UNIT, "rev/s"),
 }

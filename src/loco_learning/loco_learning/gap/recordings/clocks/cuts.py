@@ -15,31 +15,78 @@ from ..tracks import Track
 from .params import CUTS
 
 
-def parts(name: str, tracks: Sequence[Track], fewest: int) -> tuple[list[list[Track]], list[str]]:
+def parts(
+    name: str, tracks: Sequence[Track], fewest: int, shortest: float = 0.0
+) -> tuple[list[list[Track]], list[str]]:
     """Divide tracks where a model cannot follow them, with a sentence for each cut and loss.
 
     Args:
         name: Name of the record, for messages.
         tracks: Signals in the order in which they were written.
         fewest: Smallest number of readings of an angle in a part; shorter parts are left out.
+        shortest: Shortest time of these readings [s].
 
     Raises:
         ParameterError: The clocks of some signals were set back, those of others were not.
     """
+    tracks, stray = _put_between(tracks)
     segments, notes = _set_back(name, tracks)
+    notes = [*stray, *notes]
     for segment in segments:
         notes += _pauses(segment)
     segments = [part for segment in segments for part in _between_pauses(segment)]
     sizes = [max((len(k.t) for k in part if k.role == "q"), default=0) for part in segments]
-    brief = [size < fewest for size in sizes]
+    spans = [max((_span(k.t) for k in part if k.role == "q"), default=0.0) for part in segments]
+    brief = [n < fewest or time < shortest for n, time in zip(sizes, spans, strict=True)]
     if all(brief):
         return segments, notes
-    notes += [
-        Doubt(f"part {i} has {size} readings, fewer than {fewest}, and was left out")
-        for i, size in enumerate(sizes, 1)
-        if size < fewest
-    ]
+    for i, (size, time, short) in enumerate(zip(sizes, spans, brief, strict=True), 1):
+        reason = (
+            f"has {size} readings, fewer than {fewest}"
+            if size < fewest
+            else (f"lasts {time:.3g} s, less than {shortest:g} s")
+        )
+        notes += [Doubt(f"part {i} {reason}, and was left out")] * short
     return [part for part, short in zip(segments, brief, strict=True) if not short], notes
+
+
+def _span(t: np.ndarray) -> float:
+    """Time between the first and the last stamp [s]."""
+    valid = t[np.isfinite(t)]
+    return float(np.ptp(valid)) if len(valid) else 0.0
+
+
+def _put_between(tracks: Sequence[Track]) -> tuple[list[Track], list[str]]:
+    """Tracks with stray stamps put between their neighbours, and a sentence on them.
+
+    A few rows whose stamps go back, while those of the next rows go on as if nothing had been, are
+    no clock that was set back: a logger may read the seconds before the milliseconds.
+    """
+    clocks: dict[bytes, list[Track]] = {}
+    for track in tracks:
+        clocks.setdefault(track.t.tobytes(), []).append(track)
+    times: dict[bytes, np.ndarray] = {}
+    notes = []
+    for stamps, group in clocks.items():
+        t, count, furthest = group[0].t.copy(), 0, 0.0
+        usual = float(np.median(np.abs(np.diff(t)))) if len(t) > 1 else 0.0
+        for row in cut_rows(group):
+            ahead = np.flatnonzero(t[row : row + CUTS.run] > t[row - 1])
+            stop = row + int(ahead[0]) if len(ahead) else row
+            periods = (t[stop] - t[row - 1]) / max(usual, 1e-300)
+            if stop > row and stop - row + 0.5 < periods < CUTS.silence:
+                furthest = max(furthest, float(t[row - 1] - np.min(t[row:stop])))
+                t[row:stop] = np.linspace(t[row - 1], t[stop], stop - row + 2)[1:-1]
+                count += stop - row
+        if count:
+            notes.append(
+                Doubt(
+                    f"{count} stamps of {group[0].label} go back, by up to {furthest:.3g} s, and "
+                    "those after them go on: they were put between their neighbours"
+                )
+            )
+        times[stamps] = t
+    return [replace(track, t=times[track.t.tobytes()]) for track in tracks], notes
 
 
 def _set_back(name: str, tracks: Sequence[Track]) -> tuple[list[list[Track]], list[str]]:
