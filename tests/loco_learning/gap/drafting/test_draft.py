@@ -48,6 +48,7 @@ def drafted(names, joints=(), time=T, wave=WAVE):
         ("knee error [mm]", "", "knee"),
         ("knee_temp_meas", "", "knee"),
         ("knee_tqAct", "tau", "knee"),
+        ("kneeActVelo", "dq", "knee"),
         ("knee_rpm", "dq", "knee"),
         ("dps knee", "dq", "knee"),
         ("knee_Nm", "tau", "knee"),
@@ -315,6 +316,18 @@ def test_the_torque_of_a_controller_is_no_torque_beside_that_of_a_drive():
     for measured in (None, inverse + TORQUE[0]):
         found, _ = roles(inverse, measured)
         assert (found["q_ref"], found["tau_ref"]) == ("command_position", "command_torque")
+
+
+def test_an_array_that_counts_from_0_is_in_the_order_of_joints_that_count_from_1():
+    names = [f"/joint_states/joint{i}/position" for i in (1, 2)]
+    names += [f"/command/data.{i}" for i in (0, 1)]
+    text, rules = drafted(["t", *names], ("joint1", "joint2"))
+    assert [(c.role, c.place) for c in rules.columns] == [
+        (role, joint) for role in ("q", "command_position") for joint in ("joint1", "joint2")
+    ]
+    assert text.count("in this order?") == 2
+    _, rules = drafted(["t", *names[:2], "torque_1"], ("joint1", "joint2"))
+    assert [c.place for c in rules.columns] == ["joint1", "joint2", "joint1"]
 
 
 def test_a_goal_beside_speeds_alone_is_a_speed():

@@ -21,6 +21,24 @@ MAPPING = b"""columns:
 time: {column: t, unit: s}
 """
 TABLE = b"t,q,u\n" + b"".join(b"%.2f,%.3f,%.3f\n" % (i / 100, i % 7, i % 5) for i in range(40))
+ECHO = b"".join(b"""header:
+  stamp:
+    sec: 17
+    nanosec: %d0000000
+name:
+- hip
+- knee
+position:
+- 0.%d
+- .nan
+effort: [0.1, 0.2]
+---
+""" % (i, i) for i in range(9))  # fmt: skip
+ROWS = b"time,motor_id,position (deg),names,values\n" + b"".join(
+    b"%.2f,%d,%d.5,\"['hip', 'knee']\",\"array('d', [0.%d, 1.0])\"\n"
+    % (i / 100, i % 2, i % 7, i % 5)
+    for i in range(40)
+)
 JSON = b'{"samples": [{"t": 0.0, "q": 1.0, "u": 2}, {"t": 0.1, "q": 1.5, "u": 2}]}'
 
 
@@ -115,9 +133,10 @@ def _mapping(data: bytes, folder: Path) -> None:
 
 
 def _csv(data: bytes, folder: Path) -> None:
+    from loco_learning.gap.drafting import draft
     from loco_learning.gap.importing import tables
 
-    tables.read(_file(data, folder, "t.csv"))
+    draft.of_table(tables.read(_file(data, folder, "t.csv")), ("hip", "knee"))
 
 
 def _json(data: bytes, folder: Path) -> None:
@@ -276,7 +295,7 @@ TARGETS: dict[str, Target] = {
         functools.partial(_files, "loco_bringup", "node_sets/*.yaml"), _node_set, "yaml"
     ),
     "mapping": Target(lambda: [MAPPING], _mapping, "yaml"),
-    "csv": Target(lambda: [TABLE], _csv),
+    "csv": Target(lambda: [TABLE, ECHO, ROWS], _csv),
     "json": Target(lambda: [JSON], _json, "json"),
     "gz": Target(lambda: [gzip.compress(TABLE, mtime=0), gzip.compress(TABLE, 1, mtime=0)], _gz),
     "npz": Target(_npz_seeds, _npz),

@@ -184,7 +184,18 @@ def _by_number(
                if guess.role and numbers[spelled[name]] is not None]  # fmt: skip
     angles = [i for role, i in counted if role == "q"] or [i for _, i in counted]
     of_number = labels or words.numbered(angles, joints)
-    return {name: of_number.get(numbers[text], "") for name, text in spelled.items()}
+    alike: dict[tuple[str, ...], list[str]] = {}  # names that differ in their number alone
+    for name, text in spelled.items():
+        if numbers[text] is not None:
+            alike.setdefault(
+                tuple(w for w in words.split_name(text) if not w.isdigit()), []
+            ).append(name)
+    result = dict.fromkeys(spelled, "")
+    for names in alike.values():  # counted from 0 beside joints that are named from 1
+        own = {numbers[spelled[name]] for name in names}
+        places = of_number if labels or own <= of_number.keys() else words.numbered(own, joints)
+        result |= {name: places.get(numbers[spelled[name]], "") for name in names}
+    return result
 
 
 def _in_order(guesses: Mapping[str, words.Guess], joints: Sequence[str]) -> dict[str, words.Guess]:

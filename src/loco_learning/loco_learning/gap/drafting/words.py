@@ -34,7 +34,7 @@ MEASURED = frozenset(
 QUANTITIES = {
     "position": "pos position positions angle angles q qpos encoder enc winkel weg "
     "theta phi alpha beta gamma psi",
-    "velocity": "vel velocity velocities dq qd qdot qvel thetadot dtheta speed speeds omega "
+    "velocity": "vel velo velocity velocities dq qd qdot qvel thetadot dtheta speed speeds omega "
     "drehzahl geschwindigkeit geschw",
     "torque": "tau torque torques effort efforts trq tq force forces load moment moments kraft "
     "drehmoment",
