@@ -184,17 +184,16 @@ def _by_number(
                if guess.role and numbers[spelled[name]] is not None]  # fmt: skip
     angles = [i for role, i in counted if role == "q"] or [i for _, i in counted]
     of_number = labels or words.numbered(angles, joints)
-    alike: dict[tuple[str, ...], list[str]] = {}  # names that differ in their number alone
+    groups: dict[tuple[str, ...], list[str]] = {}  # names that differ in their number alone
     for name, text in spelled.items():
-        if numbers[text] is not None:
-            alike.setdefault(
-                tuple(w for w in words.split_name(text) if not w.isdigit()), []
-            ).append(name)
+        template = tuple(w for w in words.split_name(text) if not w.isdigit())
+        groups.setdefault(template, []).append(name)
     result = dict.fromkeys(spelled, "")
-    for names in alike.values():  # counted from 0 beside joints that are named from 1
-        own = {numbers[spelled[name]] for name in names}
-        places = of_number if labels or own <= of_number.keys() else words.numbered(own, joints)
-        result |= {name: places.get(numbers[spelled[name]], "") for name in names}
+    for names in groups.values():  # counted from 0 beside joints that are named from 1
+        indices = {numbers[spelled[name]] for name in names} - {None}
+        joint_of = words.numbered(indices, joints) if indices - of_number.keys() else of_number
+        joint_of = of_number if labels else joint_of
+        result |= {name: joint_of.get(numbers[spelled[name]], "") for name in names}
     return result
 
 
