@@ -3,11 +3,13 @@
 
 import re
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from loco_learning.gap.setup import family, signals, suspect
+from loco_learning.gap.recordings.record import Record
+from loco_learning.gap.setup import family, parts, signals, suspect
 from loco_learning.gap.setup.bench import Bench
 from loco_learning.gap.setup.limits import LIMITS
 
@@ -432,6 +434,26 @@ def test_a_stretch_without_torques_is_told_and_not_taken_for_a_sign(judged, firs
         assert "the drives were off" in finding.says and "sign" not in finding.says
         told = [float(x) for x in re.findall(r"from ([\d.]+) to ([\d.]+) s", finding.says)[0]]
         assert told == pytest.approx([first, last], abs=0.06)
+
+
+@pytest.mark.parametrize("lag", [0.05, 0.2])
+def test_a_joint_that_coasts_along_a_ramp_has_a_drive(hinge, lag):
+    """Its drive damps the velocity: the lag is largest where motion is fast, without a torque."""
+    t = np.arange(4000) / 500.0
+    speed = np.interp(t, [1.0, 1.5, 4.0, 4.5], [0.0, 1.0, 1.0, 0.0])
+    speed = np.where((t > 1.0) & (t < 4.5), speed, 0.3 * np.sin(9.0 * t))
+    q = np.cumsum(speed) / 500.0
+    rng = np.random.default_rng(0)
+    tau = 20.0 * np.gradient(speed, t) + 0.2 * rng.normal(size=len(t))
+    command = q + lag * speed + 1e-3 * tau
+    signals = {"q": q[:, None], "tau": tau[:, None]}
+    record = Record("ramp", t, {"position": command[:, None]}, ("hinge",), signals, ("hinge",))
+    model = SimpleNamespace(make_robot=lambda overrides: hinge)
+    off = (t > 2.0) & (t < 3.5)
+    drifting = command.copy()
+    drifting[off] += 0.3 * np.sin(8.0 * t[off])
+    adrift = replace(record, command={"position": drifting[:, None]})
+    assert [len([*parts.changed(model, one)]) for one in (record, adrift)] == [0, 1]
 
 
 @pytest.mark.parametrize(("unit", "grams"), [(1e6, False), (1e9, False), (1e9, True)])

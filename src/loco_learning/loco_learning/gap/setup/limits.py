@@ -51,6 +51,8 @@ class Limits:
         leap: Step of a position over the usual largest that moves its zero.
         no_torque: Torque over its root mean square below which a drive gives none (taste).
         pause: Shortest time without torques that is told [s] (taste).
+        adrift: Mean square of a joint's distance from its command without torques, beyond what its
+            velocity explains, over that with them, from which on its drive was off (taste).
         early: Lead of a motion over its command that is impossible [samples].
         common: Largest distance of the delays of two commands that are late by one time, over it.
         soon: Longest delay of a rate after a command that it follows [s] (taste).
@@ -102,6 +104,7 @@ class Limits:
     leap: float = 3.0
     no_torque: float = 0.1
     pause: float = 0.1
+    adrift: float = 4.0
     early: float = 0.5
     common: float = 0.25
     soon: float = 0.1

@@ -66,7 +66,8 @@ def _without_torque(record: Record) -> tuple[int, int] | None:
     """First row, and row after the last, of a stretch in which no drive gives its torque.
 
     The torques of all joints are next to nothing, and joints are farther from their commands than
-    else.
+    else. A drive that damps the velocity lags in proportion to it: a joint that coasts along a ramp
+    needs no torque.
     """
     command, joints = record.command.get("position"), list(record.driven)
     if command is None or "enable" in record.inputs or not set(joints) <= set(record.joints):
@@ -88,9 +89,24 @@ def _without_torque(record: Record) -> tuple[int, int] | None:
     rows = slice(max(int(starts[k]) - width // 2, 0), min(int(stops[k]) + width // 2, len(tau)))
     if rows.stop - rows.start < max(LIMITS.samples, 2 * width):
         return None
-    error = (command - q) ** 2
-    inside, outside = np.mean(error[rows], axis=0), np.mean(np.delete(error, rows, axis=0), axis=0)
-    return (rows.start, rows.stop) if np.mean(inside / outside) > 1.0 else None
+    motion = zip((command - q).T, tau.T, np.gradient(q, record.dt, axis=0).T, strict=True)
+    ratios = [_adrift(error, np.stack(each, axis=1), rows) for error, *each in motion]
+    return (rows.start, rows.stop) if np.mean(ratios) > LIMITS.adrift else None
+
+
+def _adrift(error: np.ndarray, causes: np.ndarray, rows: slice) -> float:
+    """Mean square of a distance from the command in some rows, over that in the others.
+
+    Args:
+        error: Distance of a joint from its command, (T,).
+        causes: Torque and velocity of the joint; their part of the distance is taken off, (T, 2).
+        rows: Rows of the stretch.
+    """
+    outside = np.ones(len(error), dtype=bool)
+    outside[rows] = False
+    columns = np.column_stack([causes, np.ones(len(error))])
+    left = error - columns @ np.linalg.lstsq(columns[outside], error[outside], rcond=None)[0]
+    return float(np.mean(left[rows] ** 2) / max(np.mean(left[outside] ** 2), 1e-300))
 
 
 def _predicted(model: Model, record: Record) -> dict[str, np.ndarray]:
