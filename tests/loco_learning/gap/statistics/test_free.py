@@ -49,6 +49,13 @@ def test_neither_unit_nor_order_of_records_matters():
         )
 
 
+def test_the_shift_by_the_mean_torque_is_that_of_a_spring():
+    q, torque, dt = motion(1.0, 2.0, 5.0)
+    held = free([(q + 0.3, torque + 1.5, dt)])
+    assert held.shift == pytest.approx(np.mean(torque + 1.5) / 5.0 / np.std(q), rel=0.1)
+    assert free([(q, torque - np.mean(torque), dt)]).shift < 0.05
+
+
 @pytest.mark.parametrize(("rows", "told"), [(20, False), (21, True)])
 def test_no_more_rows_than_twice_the_unknowns_say_nothing(rows, told):
     """A third at either end is not used: 8 and 9 are left."""

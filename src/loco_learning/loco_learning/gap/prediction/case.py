@@ -561,7 +561,7 @@ def prepare(
     case.times = times
     robot = forward.given()
     uncertain = robot.uncertain if refitted else {}
-    is_cheap = refitted and (ground or errors.compiled(forward)) and forward.fine_steps
+    is_cheap = refitted and (ground or errors.compiled(forward))
     overridden = {name for record in both for name in record.overrides}
     unsaid = nominal.priors(robot, {*uncertain, *free_names, *overridden}) if is_cheap else []
     unsaid += _readings(forward, both) if refitted else []

@@ -5,6 +5,8 @@ With torque commands and no position feedback, an error of the torque grows with
 time, so that any simulation departs from the measurement within a second. Here a stiff drive
 tracks the measured motion, so that no initial state has to be known. The torque that it adds to
 the commanded one is the gap, at its joint and time, with all effects as they act in a simulation.
+With a drive that lags, the torque has to be commanded earlier; in the tracking drive a lag would
+be unstable.
 """
 
 from __future__ import annotations
@@ -15,16 +17,21 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
+from scipy.interpolate import CubicSpline
 from scipy.ndimage import binary_dilation, binary_opening, gaussian_filter1d
 
 from loco_control.params import limits
 from loco_sim.bolted.loop import Bolted
 from loco_sim.effects import EFFECTS, from_list
+from loco_sim.effects.base import Effect
+from loco_sim.effects.chain import DriveEffect
+from loco_sim.effects.rows import DELAY, HOLD, LAG
 from loco_sim.params import SimParams
 from loco_sim.plant.model import Model
 from loco_sim.robot.description import Description
 from loco_sim.robot.robot import Robot
 from loco_sim.robot.servo import ImpedanceDrive, TorqueDrive
+from loco_sim.world.world import Setting
 
 from ..recordings.record import Record, bridged
 from ..statistics.free import Free, free
@@ -53,12 +60,16 @@ FED_BACK = 0.7
 # Torque of the inertia of every joint over that of its drive, from which on a body swings: 2.2 of a
 # pendulum whose controller pumps it, 0.2 of an arm at low speed, where friction takes the torque.
 SWINGS = 1.0
+# Displacement by the mean torque, over the deviation of the position, from which on a torque that
+# is a tenth off moves a joint out of its travel, as beside the weight of a link (taste).
+HELD = 10.0
 WINDOWS = (2.0, 1.0, 0.5, 0.25)  # lengths of pieces [s] (taste)
 CHANGED = 4.0  # length of a piece over the time scale of the motion (docs/gap_measured.md)
 _, SUBSTEPS = limits(SimParams, "max_substeps")
 POSES = 7  # poses of the record at which inertias are computed
 COMMAND_SITES = ("command", "drive")  # sites of effects that change the commanded torque
 LEADS = ("torque_constant_error", "joint_offset")  # effects of `COMMAND_SITES` that act here too
+LATE = (DELAY, HOLD, LAG)  # laws with which a torque comes late
 # Sites that an effect may touch, see `Identity.touches`.
 SITES = ("drive", "torque", "brake", "force", "model")
 
@@ -68,12 +79,13 @@ def forward(
 ) -> Forward:
     """Forward model of the kind that is suitable for the records.
 
-    It simulates whole records if initial states decay within a record, and otherwise computes
-    torques along the motion. If a controller computed the torque from the velocity, so that
-    friction would explain all of it, if a joint has no drive, whose small torques acceleration
-    hides, or if no torque was commanded, it simulates pieces that start in the measured state. The
-    choice depends on commands, measurements and the inertia of the given model, never on what is
-    tried, so that all models are compared alike.
+    It simulates whole records if initial states decay within a record and a small error of the
+    torques moves no joint out of its travel, and otherwise computes torques along the motion. If a
+    controller computed the torque from the velocity, so that friction would explain all of it, if a
+    joint has no drive, whose small torques acceleration hides, or if no torque was commanded, it
+    simulates pieces that start in the measured state. The choice depends on commands, measurements
+    and the inertia of the given model, never on what is tried, so that all models are compared
+    alike.
     """
     direct = Forward(model, records, params)
     if direct.params.window or not torque_driven(direct):
@@ -85,7 +97,8 @@ def forward(
     if min(joint.fed_back for joint in responses) >= FED_BACK and np.min(swings(direct)) >= SWINGS:
         return Forward(model, records, divided)
     duration = float(np.mean([record.duration for record in records]))
-    if min(joint.decay for joint in responses) * duration >= DECAY_TIMES:
+    decays = min(joint.decay for joint in responses) * duration >= DECAY_TIMES
+    if decays and not (possible(direct) and max(joint.shift for joint in responses) > HELD):
         return direct
     if not possible(direct) or not told(direct):
         return Forward(model, records, divided)
@@ -220,6 +233,8 @@ class InverseDynamics(Forward):
     def _run(self, index: int, effects: Any, overrides: Mapping, step: float) -> np.ndarray:
         robot = self._robot(index, overrides, step)
         effects = from_list([*self.model.effects, *effects])
+        late = [effect for effect in effects if _is_late(type(effect))]
+        effects = [effect for effect in effects if effect not in late]
         inputs, record = self._commands[index], self.records[index]
         starts = [running.Start(0, len(record.t), inputs.q[0], inputs.dq[0])]
         dt = running.period(record)
@@ -228,12 +243,38 @@ class InverseDynamics(Forward):
         servos = [robot.drives[joint] for joint in robot.joints]
         torque = np.array([d.kp for d in servos]) * (_received(inputs.q) - readings[:, :n])
         torque += np.array([d.kd for d in servos]) * (_received(inputs.dq) - readings[:, n:])
-        drives = super()._robot(index, overrides, step).drives
-        motor_lines = [(drives[j].bias, drives[j].gain) for j in robot.joints]
-        bias, gain = np.array(motor_lines).T
+        own = super()._robot(index, overrides, step)
         torque = smoothed(torque, dt) - self._added * smoothed(readings[:, n:], dt, order=1)
+        torque = _earlier(torque, late, own, dt)
+        bias, gain = _motor_lines(own)
         mean = (torque - bias) / gain
         return mean[:, [robot.joints.index(c.name) for c in self.channels]]
+
+
+def _motor_lines(robot: Robot) -> tuple[np.ndarray, np.ndarray]:
+    """Bias [N·m] and gain of the drive of each joint, (n,) each."""
+    drives = [robot.drives[joint] for joint in robot.joints]
+    return np.array([drive.bias for drive in drives]), np.array([drive.gain for drive in drives])
+
+
+def _earlier(torque: np.ndarray, effects: Sequence[Effect], robot: Robot, dt: float) -> np.ndarray:
+    """Torque that drives must be commanded, so that they give a torque in spite of delays, (T, n).
+
+    Args:
+        torque: Smooth torque of each joint [N·m], (T, n).
+        effects: Delays and lags of drives, in the order in which they act.
+        robot: The robot.
+        dt: Time between rows [s].
+    """
+    t, result = dt * np.arange(len(torque)), torque.copy()
+    for effect in reversed(effects):
+        effect.configure(Setting(robot, robot.sim, dt))
+        curve = CubicSpline(t, result[:, effect.joints])
+        if effect.law == LAG:
+            result[:, effect.joints] += effect.time * curve(t, 1)
+        else:
+            result[:, effect.joints] = curve(np.minimum(t + effect.lateness, t[-1]))
+    return result
 
 
 def _received(values: np.ndarray) -> np.ndarray:
@@ -252,9 +293,16 @@ def smoothed(values: np.ndarray, dt: float, order: int = 0) -> np.ndarray:
     return low / dt**order
 
 
+def _is_late(effect: type[Effect]) -> bool:
+    """True if with an effect of a class the torque of a drive comes late."""
+    return issubclass(effect, DriveEffect) and effect.law in LATE
+
+
 def _outside(effect: Mapping[str, Any]) -> bool:
     """True if an effect does not act in a computation along the measured motion."""
     touches = set(EFFECTS[effect["name"]].identity.touches)
+    if _is_late(EFFECTS[effect["name"]]):
+        return False
     return effect["name"] not in LEADS and (_acts(effect) or not touches & set(SITES))
 
 
@@ -276,8 +324,7 @@ def _with_torques(model: Model, records: Sequence[Record]) -> list[Record]:
         with_torque = replace(record, signals=signals, joint_torque=False)
         params = ForwardParams(window=WINDOWS[-1], signals=("tau",))
         runs = Forward(Model(model.robot, model.overrides, acting), [with_torque], params)
-        drives = [robot.drives[joint] for joint in robot.joints]
-        bias, gain = np.array([(drive.bias, drive.gain) for drive in drives]).T
+        bias, gain = _motor_lines(robot)
         commanded = (bridged(runs()[0]) - bias) / gain
         result.append(replace(record, command={**record.command, "torque": commanded}))
     return result

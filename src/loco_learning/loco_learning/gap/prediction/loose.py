@@ -170,7 +170,7 @@ class Loose:
     @property
     def reach(self) -> tuple[np.ndarray, np.ndarray]:
         """Smallest and largest deviations of the values, (V,) each."""
-        high = np.full(len(self.at), self.most)
+        high = np.where(self.stated, self.most, RANGE)
         low = -high
         if math.isfinite(self.most):
             bounds = (self.legal - self.nominal[:, None]) / self.spread[:, None]
@@ -402,8 +402,9 @@ def prepare(
         std: Standard deviation of each value that robot.yaml declares uncertain, by dotted name.
         robot: The initial robot, with drives as in its file.
         linear: Whether residuals are linear in the values for changes of any size; channels are
-            then weighted by their joint residual. Otherwise `level` sets the weights; on the ground
-            they depend on the correlation time, since errors of contacts are no white noise.
+            then weighted by their joint residual, if there are uncertain values, which may be far
+            off. Otherwise `level` sets the weights; on the ground they depend on the correlation
+            time, since errors of contacts are no white noise.
         further: Standard deviations of further values; one mapping for values that change together.
     """
     groups = [*({n: s} for n, s in std.items()), *further]
@@ -417,18 +418,18 @@ def prepare(
     min_ratio = 0.0 if linear else MIN_RATIO
     bounds = np.array([legal(robot, name, min_ratio) for name in names]).reshape(-1, 2)
     none, rows, width = np.zeros(len(groups)), tuple(case.fit_rows), len(case.forward.channels)
-    stated = np.arange(len(groups)) < len(std)
+    stated, level = np.arange(len(groups)) < len(std), not linear or not std
     scaling = np.zeros((len(groups), width))
     np.add.at(scaling, of, reading_scales({n: s for n, s, _ in items}, case.forward.channels))
     loose = Loose(
         names, nominal, sizes, bounds, of, (), np.ones(width), rows, tuple(case.held_rows),
-        np.inf if linear else RANGE, none, stated, level=not linear,
+        np.inf if linear else RANGE, none, stated, level=level,
         scaling=scaling,
     )  # fmt: skip
     for _ in range(1 if linear else TIMES):
         loose = _about(case, loose, starts)
         ref = case.bare([], loose.values(loose.at))
-        if linear or case.ground:
+        if not level or case.ground:
             loose = _weighted(case, loose, ref)
         best = loose.best(ref, range(len(case.records)))
         if not loose.far(best):

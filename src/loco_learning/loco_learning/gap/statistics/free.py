@@ -27,11 +27,13 @@ class Free:
         fed_back: Share of the torque that its velocity explains, 1 for velocity feedback.
         decay: Decay rate of initial errors [1/s]; 0 or below if they do not decay.
         time: Time scale of the motion: standard deviation over rms velocity [s].
+        shift: Displacement by the mean torque, over the standard deviation of the position.
     """
 
     fed_back: float
     decay: float
     time: float
+    shift: float = 0.0
 
 
 def free(motions: Sequence[tuple[np.ndarray, np.ndarray, float]]) -> Free:
@@ -53,7 +55,8 @@ def free(motions: Sequence[tuple[np.ndarray, np.ndarray, float]]) -> Free:
     fed_back = 1.0 - _left(np.column_stack([x[:, [1, 3]], dry]), tau) / np.var(tau)
     mass, damping, stiffness = np.linalg.lstsq(np.column_stack([x, dry]), tau, rcond=None)[0][:3]
     decay = -np.max(np.roots([mass, damping, stiffness]).real) if mass > 0.0 else 0.0
-    return Free(float(fed_back), float(decay), time)
+    shift = abs(np.mean(tau)) / max(abs(stiffness) * np.std(x[:, 2]), 1e-300)
+    return Free(float(fed_back), float(decay), time, float(shift))
 
 
 def _time(signals: Sequence[tuple[np.ndarray, float]]) -> float:

@@ -174,6 +174,11 @@ class ActuationDelay(DriveEffect, name="actuation_delay"):
         whole_steps="delay",
     )
 
+    @property
+    def lateness(self) -> float:
+        """Time by which torques are late [s]."""
+        return self.delay
+
     def constants(self, world: Any, joints: np.ndarray) -> Sequence[Any]:
         return (round(self.delay / world.dt),)
 
@@ -204,6 +209,11 @@ class TorqueHold(DriveEffect, name="torque_hold"):
         smooth=False,
         whole_steps="period",
     )
+
+    @property
+    def lateness(self) -> float:
+        """Time by which torques are late on average [s]."""
+        return 0.5 * self.period
 
     def constants(self, world: Any, joints: np.ndarray) -> Sequence[Any]:
         return (round(self.period / world.dt) * world.dt,)
