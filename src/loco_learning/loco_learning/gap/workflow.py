@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 
+from loco_control.exceptions import ParameterError
 from loco_sim.effects.coordinates import Coordinate
 from loco_sim.plant.model import Model
 
@@ -42,6 +43,7 @@ from .setup import family as setups
 from .setup import mend
 from .statistics.evidence import Score
 from .statistics.leftover import has_gap
+from .verdict.decide import AMBIGUOUS, NAMED, PARTLY, UNKNOWN
 from .verdict.judge import judge
 
 Report = Callable[[float, str, str], Any]
@@ -93,11 +95,25 @@ def find(
     model = mend.model_mended(model, mend.changes_of(wrong)) or model
     records, held_out = mend.noted(records, wrong), mend.noted(held_out, wrong)
     fit, checks = stages.split(model, records), stages.split(model, held_out)
-    if params.window or not all(fit):
-        return search(model, records, held_out, params, report, workers, keep, memory)
 
     def part(start: float) -> Report:
         return lambda share, stage, best: report(start + 0.5 * share, stage, best)
+
+    if params.window or not all(fit):
+        if not along_motion(model, [*records, *held_out], params):
+            return search(model, records, held_out, params, report, workers, keep, memory)
+        result = search(model, records, held_out, params, part(0.0), workers, keep, memory)
+        if result["verdict"] != UNKNOWN:
+            report(1.0, "done", " + ".join(result["names"]))
+            return result
+        inverse, explained = params.replace(inverse_dynamics=True), (NAMED, PARTLY, AMBIGUOUS)
+
+        def explaining(torques: dict[str, Any], curves: Curves) -> None:
+            if keep and torques["verdict"] in explained:
+                keep(torques, curves)
+
+        torques = search(model, records, held_out, inverse, part(0.5), workers, explaining, memory)
+        return torques if torques["verdict"] in explained else result
 
     named = params.replace(residual=False)  # on the ground, only named effects are added
     aloft: list[Curves] = []
@@ -241,7 +257,23 @@ def forward_of(model: Model, records: Sequence[Record], params: GapParams) -> Fo
     """Forward model of records that are all in the air or all on the ground."""
     length = on_ground(model, records, params)
     settings = ForwardParams(window=params.window, ground=length)
+    if params.inverse_dynamics:
+        if length or not led.possible(Forward(model, records, settings)):
+            raise ParameterError(
+                "inverse_dynamics: every joint of a bolted robot must be measured, and commanded "
+                "by torque"
+            )
+        return led.InverseDynamics(model, records, settings)
     return led.forward(horizon.quickest(model) if length else model, records, settings)
+
+
+def along_motion(model: Model, records: Sequence[Record], params: GapParams) -> bool:
+    """True if torques along the measured motion can be compared instead of the motion."""
+    if params.window or params.inverse_dynamics or on_ground(model, records, params):
+        return False
+    forward = forward_of(model, records, params)
+    is_motion = forward.fine_steps and not forward.params.window
+    return is_motion and led.possible(forward) and led.told(forward)
 
 
 def same(parts: Parts, ref: Parts) -> bool:

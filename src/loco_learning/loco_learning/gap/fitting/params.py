@@ -35,6 +35,10 @@ class GapParams(Params):
         0.0, "length of the pieces that each begin in the measured state, for motions that forget "
         "nothing, such as a swing-up; 0 runs whole records", "s", 0.0, 100.0
     )  # fmt: skip
+    inverse_dynamics: bool = parameter(
+        False, "compare torques along the measured motion; otherwise this is tried where no effect "
+        "explains the motion of a robot whose joints are all commanded by torque"
+    )  # fmt: skip
     screen_share: float = parameter(
         0.02, "of the residual's energy that a hypothesis must explain to be fitted", "-", 0.0, 1.0
     )
