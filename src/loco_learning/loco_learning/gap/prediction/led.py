@@ -17,10 +17,10 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from scipy.interpolate import CubicSpline
 from scipy.ndimage import binary_dilation, binary_opening, gaussian_filter1d
 
 from loco_control.params import limits
+from loco_sim import lazy
 from loco_sim.bolted.loop import Bolted
 from loco_sim.effects import EFFECTS, from_list
 from loco_sim.effects.base import Effect
@@ -38,6 +38,8 @@ from ..statistics.free import Free, free
 from . import nominal, running
 from .channels import Channel
 from .forward import Forward, ForwardParams
+
+interpolate = lazy.module("scipy.interpolate")  # loaded on first use
 
 COARSE = 0.006  # time between rows [s]: torques of a body change more slowly (taste)
 STEPS = 2  # physics steps in a row (theory: a quarter of the drive's time constant)
@@ -269,7 +271,7 @@ def _earlier(torque: np.ndarray, effects: Sequence[Effect], robot: Robot, dt: fl
     t, result = dt * np.arange(len(torque)), torque.copy()
     for effect in reversed(effects):
         effect.configure(Setting(robot, robot.sim, dt))
-        curve = CubicSpline(t, result[:, effect.joints])
+        curve = interpolate.CubicSpline(t, result[:, effect.joints])
         if effect.law == LAG:
             result[:, effect.joints] += effect.time * curve(t, 1)
         else:

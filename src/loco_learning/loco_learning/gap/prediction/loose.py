@@ -426,7 +426,7 @@ def prepare(
         np.inf if linear else RANGE, none, stated, level=level,
         scaling=scaling,
     )  # fmt: skip
-    for _ in range(1 if linear else TIMES):
+    for _ in range(TIMES):
         loose = _about(case, loose, starts)
         ref = case.bare([], loose.values(loose.at))
         if not level or case.ground:
