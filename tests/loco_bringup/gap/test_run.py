@@ -85,6 +85,9 @@ def test_words_say_what_where_and_how_big():
     (line,) = text.term_lines(result())
     assert line.startswith("coulomb friction in pivot: torque 0.0512 N·m (0.047 to 0.056)")
     assert line.endswith("; probability 0.96")
+    told = {**result(), "terms": [{**result()["terms"][0], "amount": "the limit is 1.4 N·m"}]}
+    (line,) = text.term_lines(told)
+    assert line.endswith(", so that the limit is 1.4 N·m; probability 0.96")
     assert "14.2 noise floors before, 1.32 after; share closed 94 %" in text.gap_line(result())
     assert "(of the rms above the noise floor)" in text.gap_line(result())
     line = text.gap_line(result("unknown"))  # nothing is added to the model

@@ -44,7 +44,11 @@ def test_verdicts_are_printed_and_the_page_is_written(tmp_path, monkeypatch, cap
         powers=(), loop_repetitions=0, disturbed=(0, 0), noises=(),
     )  # fmt: skip
     monkeypatch.setitem(msd_jobs.PLANS, "quick", quick)
-    assert call("msd", "--quick", "--workers", "1", "--out", str(tmp_path)) == 0
+    asked = ("msd", "--quick", "--workers", "1", "--out", str(tmp_path))
+    assert call(*asked, "--cost") == 0
+    said = capsys.readouterr().out
+    assert "1 of 1 runs to go, not timed" in said and not list(tmp_path.iterdir())
+    assert call(*asked) == 0
     text = capsys.readouterr().out
     assert "6.5  holds by construction: The resonance of one node" in text
     assert "6.1  open: The score falls" in text and "found: rho" in text

@@ -49,7 +49,9 @@ def clear(name):
     """The effect with a strength that shows, all else as it is by default."""
     known = EFFECTS[name].identity
     priors = {key: known.priors[key] for key in known.strengths}
-    return effects.make(name, **{k: p.typical if p.low > 0.0 else p.high for k, p in priors.items()})
+    return effects.make(
+        name, **{k: p.typical if p.low > 0.0 else p.high for k, p in priors.items()}
+    )
 
 
 def stepped(bench, listed, on, compiled):
@@ -78,8 +80,6 @@ def readings(path, bench, listed=(), on=1.0):
         found = Bolted(bench, listed).run(nothing, start=start, power=power)
         return np.column_stack([found.q, found.dq, found.tau])
     return np.array(list(stepped(bench, listed, on, path == "compiled")))
-
-
 
 
 def of_motors(bench):
@@ -119,8 +119,9 @@ def test_effects_of_the_spring_itself_are_there_with_the_motor_off(effect, path)
 
 @pytest.mark.parametrize("path", PATHS)
 def test_a_motor_that_gives_half_beside_a_spring_is_a_drive_of_half_the_gains(path):
-    weak, half = effects.make("torque_constant_error", error=-0.5), IMPEDANCE.replace(
-        kp=0.5 * IMPEDANCE.kp, kd=0.5 * IMPEDANCE.kd
+    weak, half = (
+        effects.make("torque_constant_error", error=-0.5),
+        IMPEDANCE.replace(kp=0.5 * IMPEDANCE.kp, kd=0.5 * IMPEDANCE.kd),
     )
     found = run(path, sprung("spring_mass", IMPEDANCE, path), [weak])
     wanted = run(path, sprung("spring_mass", half, path))
@@ -154,3 +155,11 @@ def test_a_motor_that_gives_half_is_exported_beside_its_spring(tmp_path):
     (joint,) = found.joints
     assert (joint.kp, joint.kd, joint.stiffness) == (20.0, 0.25, 50.0)
     assert found.lost == []
+
+
+def test_where_an_added_spring_is_slack_is_told_in_the_angle_of_the_joint():
+    leg = robot.load("pendulum")
+    posed = replace(leg, standing=leg.standing - 0.25)
+    spring = effects.make("added_stiffness", joint="pivot", stiffness=14.0, rest=-0.151)
+    assert spring.amount(posed) == "it is slack at -0.401 rad"
+    assert effects.make("added_stiffness", stiffness=14.0).amount(posed) == ""

@@ -83,7 +83,9 @@ def contents(
             "evidence": decision.evidence,
             "adequate": decision.adequate,
             "names": list(decision.names),
-            "terms": in_metres(terms(outcome), case.forward.channels) if with_gap else [],
+            "terms": in_metres(terms(outcome, case.forward.given()), case.forward.channels)
+            if with_gap
+            else [],
             "rivals": rival_models(outcome) if with_gap else [],
             "over_settings": [row.plain for row in outcome.over_settings],
             "ambiguous": [list(group) for group in decision.ambiguous],
@@ -228,6 +230,7 @@ def in_metres(terms: Sequence[Mapping[str, Any]], channels: Sequence[Channel]) -
             **term,
             "parameters": {k: _in_metres(p) for k, p in term["parameters"].items()},
             "evidence": term["evidence"].replace(" N·m", " N"),
+            "amount": term["amount"].replace(" N·m", " N").replace(" rad", " m"),
         }
         if sliding.intersection(term["place"].split())
         else dict(term)
@@ -239,12 +242,12 @@ def _in_metres(parameter: Mapping[str, Any]) -> dict[str, Any]:
     return {**parameter, "unit": ON_SLIDES.get(parameter["unit"], parameter["unit"])}
 
 
-def terms(outcome: Outcome) -> list[dict[str, Any]]:
-    """Effects of the selected model with their evidence."""
-    return [_term(outcome, index) for index in range(len(outcome.decision.rulings))]
+def terms(outcome: Outcome, robot: Robot) -> list[dict[str, Any]]:
+    """Effects of the selected model with their evidence; the robot is that of the given model."""
+    return [_term(outcome, robot, index) for index in range(len(outcome.decision.rulings))]
 
 
-def _term(outcome: Outcome, index: int) -> dict[str, Any]:
+def _term(outcome: Outcome, robot: Robot, index: int) -> dict[str, Any]:
     term, model = outcome.decision.rulings[index], outcome.best
     without = outcome.without[index] if outcome.without else outcome.base
     closed = evidence.closed_by(without.whole, model.whole)
@@ -259,8 +262,9 @@ def _term(outcome: Outcome, index: int) -> dict[str, Any]:
             size = f"{e.value:.3g} ± {e.with_shapes:.2g}" + f" {e.unit}" * (e.unit != "-")
             text += f"; {e.name} is known only together with its other values: {size} with these"
     hypothesis, x = model.parts[index]
-    if amount := EFFECTS[term.name](**hypothesis.terms(x)[0].params).amount():
-        text += f"; {amount}"
+    first = EFFECTS[term.name](**hypothesis.terms(x)[0].params)
+    amount = "" if hypothesis.joints else first.amount(robot)
+    text += f"; {amount}" * bool(amount)
     return {
         "effect": term.name,
         "place": term.place,
@@ -271,6 +275,7 @@ def _term(outcome: Outcome, index: int) -> dict[str, Any]:
             e.name: {"value": e.value, "low": e.low, "high": e.high, "unit": e.unit}
             for e in estimates
         },
+        "amount": amount,
         "closed": closed,
         "look_alikes": list(term.look_alikes),
         "evidence": text + ".",

@@ -267,6 +267,12 @@ def run(
                     on_progress(count, total, missing[index].name)
 
 
+def remaining(name: str, preset: str, folder: Path) -> tuple[int, int]:
+    """Number of jobs of a plan without a result, and of all its jobs; arguments as for `run`."""
+    jobs = [*gait_jobs(plan(name), preset), *later_jobs(plan(name), preset)]
+    return sum(not is_done(job, folder) for job in jobs), len(jobs)
+
+
 def is_done(job: Job, folder: Path) -> bool:
     """True if the file of a job exists and is from the same job."""
     path = folder / f"{job.name}.npz"

@@ -132,8 +132,8 @@ class Effect:
         strengths = self.identity.strengths if self.identity else ()
         return bool(strengths) and not any(np.any(getattr(self, name)) for name in strengths)
 
-    def amount(self) -> str:
-        """The size of the effect in the unit of what it changes; "" if its parameters say it."""
+    def amount(self, robot: Any) -> str:
+        """The size of the effect on a robot, in other words; "" if its parameters say it."""
         return ""
 
     def energy(self, q: np.ndarray, dq: np.ndarray) -> float:

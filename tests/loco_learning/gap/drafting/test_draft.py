@@ -107,6 +107,8 @@ def test_the_letters_of_a_drive_that_takes_positions_gains_and_torques(name, rol
         ("kneepos", "q", "knee"), ("targetvel_knee", "command_velocity", "knee"),
         ("motorcurrent knee", "tau", "knee"), ("Sollwinkel Knie", "command_position", "Knie"),
         ("payload", "", ""), ("position", "q", "blade"),
+        ("knee_i_cmd_A", "command_torque", "knee"), ("knee_i_ref", "command_torque", "knee"),
+        ("knee_cmd_A", "command_torque", "knee"), ("knee_i", "", "knee"), ("i", "", "blade"),
     ],
 )  # fmt: skip
 def test_words_that_are_written_together(name, role, joint):

@@ -70,10 +70,13 @@ def test_a_drive_gives_what_the_motion_needs_whatever_its_controller_asks_for(mo
 
 
 def test_a_limit_is_told_as_a_torque():
-    assert make("torque_limit", joint="a", **LIMITED["torque_limit"]).amount() == (
+    pendulum = robot.load("pendulum")  # with an effort of 2 N·m
+    told = make("torque_limit", joint="pivot", reduction=0.3).amount(pendulum)
+    assert told == "the limit is 1.4 N·m"
+    assert make("torque_limit", joint="a", **LIMITED["torque_limit"]).amount(None) == (
         "the limit is 3.5 N·m"
     )
-    assert make("torque_limit", reduction=0.3).amount() == ""
+    assert make("torque_limit", reduction=0.3).amount(None) == ""
 
 
 def test_a_share_of_no_limit_is_refused(model):

@@ -127,9 +127,10 @@ def term_lines(result: Result) -> list[str]:
     """One line per term: effect, place, size, certainty."""
     lines = []
     for term in result.get("terms") or ():
-        sure = probability(term.get("probability"))
+        sure, amount = probability(term.get("probability")), str(term.get("amount") or "")
         lines.append(
-            f"{term_name(term)}: {', '.join(sizes(term)) or 'no size'}; probability {sure}"
+            f"{term_name(term)}: {', '.join(sizes(term)) or 'no size'}"
+            f"{', so that ' * bool(amount)}{amount}; probability {sure}"
         )
     return lines
 

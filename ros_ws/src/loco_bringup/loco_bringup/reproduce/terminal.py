@@ -49,7 +49,7 @@ def run(a: argparse.Namespace) -> int:
         raise ParameterError(f"workers must be at least 1, got {a.workers}")
     plan = "quick" if a.quick else a.plan
     if a.what == "msd":
-        return reproduce_msd(plan, a.preset, a.out, a.workers, a.scheduler)
+        return reproduce_msd(plan, a.preset, a.out, a.workers, a.scheduler, a.cost)
     return reproduce(a.what, plan, a.out, a.workers, a.scheduler, a.cost)
 
 
@@ -128,11 +128,20 @@ def show(verdicts: list[Verdict], written: Path) -> int:
 
 
 def reproduce_msd(
-    plan: str, preset: str, folder: Path | None = None, workers: int = 2, scheduler: str = ""
+    plan: str,
+    preset: str,
+    folder: Path | None = None,
+    workers: int = 2,
+    scheduler: str = "",
+    only_cost: bool = False,
 ) -> int:
     """Reproduce chapter 6, mass-spring-damper networks."""
     known(preset)
     folder = folder or Path("results") / f"msd_{preset}_{plan}"
+    if only_cost:
+        to_go, every = msd_jobs.remaining(plan, preset, folder / "runs")
+        console.print(f"{to_go} of {every} runs to go, not timed; the command tells its progress")
+        return 0
     check_writable(folder)
     entry = Entry("msd", options={"plan": plan, "preset": preset})
     return show(*_run_msd(entry, folder, workers, scheduler))

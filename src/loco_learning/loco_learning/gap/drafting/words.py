@@ -135,17 +135,20 @@ def guess(name: str, joints: Sequence[str] = ()) -> Guess:
     if not of and (joint or joints):
         of = _letter(name, unknown)
         unknown = _without(unknown, [of] * bool(of))
+    amperes = _amperes(name, rest, unknown) if joints and not of else []
+    unknown = _without(unknown, amperes)
     is_explained = of or not (joint or joints) or all(map(str.isdigit, unknown))
     commanded = next(filter(_commands(of, is_explained).__contains__, rest), "")
     marker = commanded or next(filter(_markers(is_explained).__contains__, rest), "")
     kind = {**LETTER_OF, **_OF_WORD}.get(of) or _kind_of_unit(name, marker)
+    kind = "current" if amperes else kind
     if not kind or not SETTINGS.isdisjoint(rest) or _ACCELERATION.search(name):
         return Guess("", "", joint, "")
     role = f"command_{'torque' if kind == 'current' else kind}" if commanded else ROLES[kind]
     unit = _unit(name, role) or ("A" if kind == "current" else "")
     if not joint and not joints:
         joint = "_".join(unknown)
-    why = " and ".join(f"“{w}”" for w in (commanded, of) if w)
+    why = " and ".join(f"“{w}”" for w in (commanded, of, *amperes) if w)
     return Guess(role, unit, joint, why or f"“{marker}”")
 
 
@@ -154,6 +157,13 @@ def _letter(name: str, unknown: Sequence[str]) -> str:
     letters = [w for w in unknown if not w.isdigit()]
     is_one = len(letters) == 1 and letters[0] in LETTER_OF and letters[0] in _SPLIT.findall(name)
     return letters[0] if is_one else ""
+
+
+def _amperes(name: str, rest: Sequence[str], unknown: Sequence[str]) -> list[str]:
+    """Letters that say a current: i of a command, and A at the end, as in ``yaw_i_cmd_A``."""
+    unit = ["a"] if "a" in unknown and re.search(r"[_. \[(]A[\])]?$", name) else []
+    letter = ["i"] if "i" in unknown and (unit or not COMMANDS.isdisjoint(rest)) else []
+    return letter + unit
 
 
 def _markers(is_explained: bool) -> frozenset[str]:

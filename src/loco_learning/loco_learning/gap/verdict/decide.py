@@ -96,7 +96,7 @@ class Decision:
 
     @property
     def ambiguous(self) -> tuple[tuple[str, ...], ...]:
-        """Groups of names among which the data cannot distinguish."""
+        """Groups of names among which the data cannot distinguish, each led by the selected one."""
         return _groups(self.rulings)
 
 
@@ -214,7 +214,8 @@ def _names(terms: Sequence[Term], verdict: str) -> tuple[str, ...]:
 
 def _groups(terms: Sequence[Term]) -> tuple[tuple[str, ...], ...]:
     ambiguous = [r for r in terms if r.verdict == AMBIGUOUS]
-    return tuple(sorted({tuple(sorted({r.name, *r.look_alikes})) for r in ambiguous}))
+    groups = {frozenset({r.name, *r.look_alikes}): r.name for r in reversed(ambiguous)}
+    return tuple(sorted((name, *sorted(group - {name})) for group, name in groups.items()))
 
 
 def _summary(

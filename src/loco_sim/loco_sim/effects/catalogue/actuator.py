@@ -104,9 +104,12 @@ class TorqueLimit(Limiting, name="torque_limit"):
     def constants(self, world: Any, joints: np.ndarray) -> Sequence[Any]:
         return ((1.0 - self.reduction) * self.effort(world, joints),)
 
-    def amount(self) -> str:
-        limit = (1.0 - self.reduction) * self.rated
-        return f"the limit is {limit:.3g} N·m" if self.rated else ""
+    def amount(self, robot: Any) -> str:
+        effort = self.rated
+        if not effort and robot is not None and self.joint in robot.joints:
+            effort = robot.effort[robot.joints.index(self.joint)]
+        limit = (1.0 - self.reduction) * effort
+        return f"the limit is {limit:.3g} N·m" if 0.0 < effort < np.inf else ""
 
 
 @dataclass

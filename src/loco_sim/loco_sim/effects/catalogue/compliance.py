@@ -110,6 +110,12 @@ class AddedStiffness(Elastic, name="added_stiffness"):
     def constants(self, world: Any, joints: np.ndarray) -> Sequence[Any]:
         return rest(world.robot, joints) + self.rest, self.stiffness
 
+    def amount(self, robot: Any) -> str:
+        if self.joint not in robot.joints:
+            return ""
+        (at,) = rest(robot, np.array([robot.joints.index(self.joint)])) + self.rest
+        return f"it is slack at {at:.3g} rad"
+
 
 @dataclass
 class CubicStiffness(Elastic, name="cubic_stiffness"):

@@ -142,7 +142,7 @@ class CommandRateLimit(JointEffect, name="command_rate_limit"):
         reading_laws.slew(steps, self.joints, 1.0 / self.slowness, self._dt)
         return steps, np.arange(len(steps))
 
-    def amount(self) -> str:
+    def amount(self, robot: Any) -> str:
         return f"the limit is {1.0 / self.slowness:.3g} rad/s" if self.slowness else ""
 
 
