@@ -135,13 +135,13 @@ def guess(name: str, joints: Sequence[str] = ()) -> Guess:
     if not of and (joint or joints):
         of = _letter(name, unknown)
         unknown = _without(unknown, [of] * bool(of))
-    amperes = _amperes(name, rest, unknown) if joints and not of else []
+    amperes = _amperes(name, rest, unknown) * bool(joints) * (not of)
     unknown = _without(unknown, amperes)
     is_explained = of or not (joint or joints) or all(map(str.isdigit, unknown))
     commanded = next(filter(_commands(of, is_explained).__contains__, rest), "")
     marker = commanded or next(filter(_markers(is_explained).__contains__, rest), "")
-    kind = {**LETTER_OF, **_OF_WORD}.get(of) or _kind_of_unit(name, marker)
-    kind = "current" if amperes else kind
+    kinds = {**LETTER_OF, **_OF_WORD, "": "current" * bool(amperes)}
+    kind = kinds.get(of) or _kind_of_unit(name, marker)
     if not kind or not SETTINGS.isdisjoint(rest) or _ACCELERATION.search(name):
         return Guess("", "", joint, "")
     role = f"command_{'torque' if kind == 'current' else kind}" if commanded else ROLES[kind]
