@@ -20,7 +20,9 @@ MAPPING = b"""columns:
   - {column: u, joint: hinge_joint, role: command_position, unit: rad}
 time: {column: t, unit: s}
 """
-TABLE = b"t,q,u\n" + b"".join(b"%.2f,%.3f,%.3f\n" % (i / 100, i % 7, i % 5) for i in range(40))
+TABLE = b"t,hip_q,hip_u\n" + b"".join(
+    b"%.2f,%.3f,%.3f\n" % (i / 100, i % 7, i % 5) for i in range(40)
+)
 ECHO = b"".join(b"""header:
   stamp:
     sec: 17
