@@ -229,8 +229,11 @@ def in_metres(terms: Sequence[Mapping[str, Any]], channels: Sequence[Channel]) -
         {
             **term,
             "parameters": {k: _in_metres(p) for k, p in term["parameters"].items()},
-            "evidence": term["evidence"].replace(" N·m", " N"),
-            "amount": term["amount"].replace(" N·m", " N").replace(" rad", " m"),
+            **{
+                key: term[key].replace(" N·m", " N").replace(" rad", " m")
+                for key in ("evidence", "amount")
+                if key in term
+            },
         }
         if sliding.intersection(term["place"].split())
         else dict(term)

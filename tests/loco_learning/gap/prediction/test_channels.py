@@ -25,8 +25,10 @@ def test_every_unit_of_a_joint_in_the_registry_has_one_for_slides():
 def test_only_what_sits_on_a_slide_is_told_in_metres():
     channels = [Channel("q", "slide", "m"), Channel("q", "hinge", "rad")]
     places = ["slide", "q slide", "hinge", "*"]
-    made = [{"place": place, "parameters": {"step": {"unit": "rad"}}, "evidence": "It is 3 N·m."}
+    made = [{"place": place, "parameters": {"step": {"unit": "rad"}}, "evidence": "It is 3 N·m.",
+             "amount": "it is slack at 0.1 rad"}
             for place in places]  # fmt: skip
     told = tell.in_metres(made, channels)
     assert [t["parameters"]["step"]["unit"] for t in told] == ["m", "m", "rad", "rad"]
+    assert [t["amount"][-1] for t in told] == ["m", "m", "d", "d"]
     assert [t["evidence"] for t in told] == 2 * ["It is 3 N."] + 2 * ["It is 3 N·m."]
