@@ -269,7 +269,7 @@ def forward_of(model: Model, records: Sequence[Record], params: GapParams) -> Fo
 
 def along_motion(model: Model, records: Sequence[Record], params: GapParams) -> bool:
     """True if torques along the measured motion can be compared instead of the motion."""
-    if params.window or params.inverse_dynamics or on_ground(model, records, params):
+    if params.window or params.inverse_dynamics or any(stages.free(model, r) for r in records):
         return False
     forward = forward_of(model, records, params)
     is_motion = forward.fine_steps and not forward.params.window

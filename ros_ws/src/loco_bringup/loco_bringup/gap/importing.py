@@ -6,6 +6,7 @@ from __future__ import annotations
 import contextlib
 import re
 import shutil
+import xml.etree.ElementTree as ET
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -32,6 +33,7 @@ from loco_sim.foreign.read import stem
 from loco_sim.foreign.tidy import Tidied
 from loco_sim.plant import model as models
 from loco_sim.robot import robot as robots
+from loco_sim.robot.description import Description
 from loco_sim.robot.robot import Robot
 
 from ..bag.foreign.opening import BAG_TYPES, name_of, open_bag, suffix_of
@@ -155,12 +157,10 @@ def _fitting(text: str, rules: Mapping, robot: str) -> str:
 
 
 def _without_effort(source: Path) -> list[str]:
-    """Joints whose effort limit is 0 where others have one: they have no drive."""
-    limits = {j.get("name"): j.find("limit") for j in Tidied(source).root.findall("joint")
-              if j.get("type") != "fixed"}  # fmt: skip
-    efforts = {name: float(limit.get("effort", 0.0)) if limit is not None else 0.0
-               for name, limit in limits.items()}  # fmt: skip
-    return [name for name, effort in efforts.items() if not effort] if any(efforts.values()) else []
+    """Joints without an effort limit above 0 where others have one: they have no drive."""
+    efforts = Description(ET.tostring(Tidied(source).root, "unicode")).efforts()
+    limited = {joint for joint, effort in efforts.items() if 0.0 < effort < np.inf}
+    return [joint for joint in efforts if joint not in limited] if limited else []
 
 
 def _leave_passive(draft_file: Path, rules: Mapping, bag: Path) -> None:

@@ -236,7 +236,7 @@ class InverseDynamics(Forward):
         robot = self._robot(index, overrides, step)
         effects = from_list([*self.model.effects, *effects])
         late = [effect for effect in effects if _is_late(type(effect))]
-        effects = [effect for effect in effects if effect not in late]
+        effects = [effect for effect in effects if not _is_late(type(effect))]
         inputs, record = self._commands[index], self.records[index]
         starts = [running.Start(0, len(record.t), inputs.q[0], inputs.dq[0])]
         dt = running.period(record)
@@ -302,10 +302,9 @@ def _is_late(effect: type[Effect]) -> bool:
 
 def _outside(effect: Mapping[str, Any]) -> bool:
     """True if an effect does not act in a computation along the measured motion."""
-    touches = set(EFFECTS[effect["name"]].identity.touches)
-    if _is_late(EFFECTS[effect["name"]]):
-        return False
-    return effect["name"] not in LEADS and (_acts(effect) or not touches & set(SITES))
+    name, touches = effect["name"], set(EFFECTS[effect["name"]].identity.touches)
+    acts = _acts(effect) or not touches & set(SITES)
+    return acts and name not in LEADS and not _is_late(EFFECTS[name])
 
 
 def _acts(effect: Mapping[str, Any]) -> bool:
