@@ -7,6 +7,7 @@ import signal
 from pathlib import Path
 
 import pytest
+from xdist.scheduler import LoadGroupScheduling
 
 from loco_bringup.cli.clone import add_workshop
 from loco_bringup.testing import isolate
@@ -49,6 +50,27 @@ def repository() -> Path:
 def quadruped(tmp_path):
     """Function that makes a folder of one of `quadrupeds.ROBOTS`, with more keys in robot.yaml."""
     return lambda name, **more: quadrupeds.write(tmp_path, name, **more)
+
+
+class FilesTogether(LoadGroupScheduling):
+    """Tests of a group stay together, and those of a file that are in none: they share fixtures."""
+
+    def _assign_work_unit(self, node):
+        from loco_workshop.tests import LONG
+
+        for scope in filter(self.workqueue.__contains__, reversed(LONG)):
+            self.workqueue.move_to_end(scope, last=False)
+        super()._assign_work_unit(node)
+
+    def _split_scope(self, nodeid):
+        scope = super()._split_scope(nodeid)
+        return nodeid.partition("::")[0] if scope == nodeid else scope
+
+
+@pytest.hookimpl(optionalhook=True)  # `-p no:xdist` has no workers
+def pytest_xdist_make_scheduler(config, log):
+    """Say which tests stay on one worker; None for what the option ``--dist`` says."""
+    return FilesTogether(config, log) if config.getoption("dist") == "loadgroup" else None
 
 
 def pytest_collection_modifyitems(items):

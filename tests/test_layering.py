@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import ast
 import sys
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -258,15 +259,18 @@ def test_cycles_are_found():
     assert cycles({"a": {"b"}, "b": {"c"}, "c": {"b"}, "d": {"a"}}) == [{"b", "c"}]
 
 
-def test_scripts_that_are_handed_out_are_imported_by_nothing():
+@cache
+def graph() -> dict[str, set[str]]:
+    """Modules of ours that each of them imports."""
     modules = {name: path for package in FOLDERS for name, path in modules_of(package).items()}
+    return {name: imports(name, path, modules) for name, path in modules.items()}
+
+
+def test_scripts_that_are_handed_out_are_imported_by_nothing():
     scripts = {".".join(path.with_suffix("").parts) for path in HANDED_OUT}
-    assert scripts <= set(modules)
-    users = {n for n, path in modules.items() if imports(n, path, modules) & scripts}
-    assert users == set()
+    assert scripts <= set(graph())
+    assert {name for name, others in graph().items() if others & scripts} == set()
 
 
 def test_no_import_goes_in_circles():
-    modules = {name: path for package in FOLDERS for name, path in modules_of(package).items()}
-    graph = {name: imports(name, path, modules) for name, path in modules.items()}
-    assert cycles(graph) == []
+    assert cycles(graph()) == []

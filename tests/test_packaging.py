@@ -9,9 +9,11 @@ import dataclasses
 import fnmatch
 import inspect
 import math
+import os
 import re
 import runpy
 import shutil
+import subprocess
 import sys
 import sysconfig
 import xml.etree.ElementTree as ElementTree
@@ -474,6 +476,31 @@ def test_tests_of_a_group_stay_together(request):
     if not getattr(request.config.option, "loadgroup", False):
         pytest.skip("one process, or tests are spread one by one")
     assert request.node.nodeid.endswith("@itself")
+
+
+SHARED = """
+import os, pathlib, pytest
+
+@pytest.mark.parametrize("n", [1, "a@b", pytest.param(3, marks=pytest.mark.xdist_group("g"))])
+def test_it(n):
+    where = "group" if n == 3 else __file__
+    with open(pathlib.Path(__file__).with_name("ran.txt"), "a") as file:
+        print(where, os.getpid(), file=file)
+"""
+
+
+def test_tests_of_a_file_share_their_worker_unless_they_are_in_a_group(tmp_path):
+    """Where they were spread one by one, each worker made the fixtures of a file."""
+    (tmp_path / "conftest.py").write_text("from tests.conftest import pytest_xdist_make_scheduler")
+    for name in "abcd":
+        (tmp_path / f"test_{name}.py").write_text(SHARED)
+    done = subprocess.run(
+        [sys.executable, "-m", "pytest", "-q", "-n", "2", "--dist", "loadgroup", str(tmp_path)],
+        cwd=tmp_path, env={**os.environ, "PYTHONPATH": str(ROOT)}, capture_output=True, text=True,
+    )  # fmt: skip
+    assert "12 passed" in done.stdout, done.stdout + done.stderr
+    ran = {tuple(line.split()) for line in (tmp_path / "ran.txt").read_text().splitlines()}
+    assert len(ran) == 5 and len({process for _, process in ran}) == 2
 
 
 def test_the_help_of_install_names_every_extra():

@@ -21,6 +21,23 @@ def test_a_module_loads_at_its_first_use():
     assert found.stdout.split() == ["False", "True", "True"]
 
 
+def test_the_supervisor_of_a_graph_loads_no_compiler():
+    code = "import sys, loco_bringup.cli.run; print({'numba', 'scipy'} & set(sys.modules))"
+    found = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert found.stdout == "set()\n"
+
+
+def test_who_only_looks_at_a_robot_loads_no_interpolation():
+    code = (
+        "import sys; from loco_sim.robot import robot; found = robot.load('tigrillo');"
+        "print('scipy' in sys.modules);"
+        "sensor = next(iter(found.hall.values()));"
+        "print(sensor.angle(sensor.counts(0.0)) == sensor.reached(0.0) or 'scipy' in sys.modules)"
+    )
+    found = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert found.stdout.split() == ["False", "True"]
+
+
 def test_a_loaded_module_is_itself():
     assert lazy.module("loco_sim.lazy") is lazy
 

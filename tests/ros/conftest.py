@@ -7,6 +7,7 @@ import time
 
 import pytest
 import rclpy
+from rclpy.action import ActionClient
 from rclpy.experimental import EventsExecutor
 from rclpy.signals import SignalHandlerOptions
 
@@ -67,11 +68,61 @@ class Bench:
             assert time.monotonic() < end, "timed out"
             until_deadline(self.executor, self.node, 0.02)
 
+    def answer(self, ask, meanwhile=lambda: None, timeout=20.0):
+        """Answer of a service that is asked again after 5 s.
+
+        A server that does not know its client yet drops the answer (rmw_fastrtps waits for 0.1 s).
+        """
+        asked, due = [], time.monotonic()
+
+        def answered():
+            nonlocal due
+            if time.monotonic() >= due:
+                asked.append(ask())
+                due += 5.0
+            meanwhile()
+            return any(future.done() for future in asked)
+
+        self.wait(answered, timeout)
+        return next(future.result() for future in asked if future.done())
+
     def close(self):
         self.node.close()
         self.node.destroy_node()
         self.tester.destroy_node()
         rclpy.try_shutdown()
+
+
+class Caller:
+    """A client of an action of the node under test.
+
+    Attributes:
+        patience: Longest wait for a result [s].
+    """
+
+    patience = 240.0
+
+    def __init__(self, bench, action, name):
+        self.bench, self.action, self.feedback = bench, action, []
+        self.client = ActionClient(bench.tester, action, name)
+        bench.wait(self.client.server_is_ready)
+        for _ in range(20):  # the server has to know the client too, or its answers are lost
+            bench.executor.spin_once(timeout_sec=0.01)
+
+    def send(self, **goal):
+        """Handle of a goal that was accepted."""
+        heard = self.feedback.append  # of the client lives on what it was given: not us, too
+        sent = self.client.send_goal_async(self.action.Goal(**goal), lambda m: heard(m.feedback))
+        self.bench.wait(sent.done)
+        return sent.result()
+
+    def result(self, handle, meanwhile=lambda: None):
+        """Status and result of a goal; `meanwhile` is called until it is there."""
+        answer = self.bench.answer(handle.get_result_async, meanwhile, self.patience)
+        return answer.status, answer.result
+
+    def close(self):
+        self.client.destroy()
 
 
 @pytest.fixture

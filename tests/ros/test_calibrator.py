@@ -4,7 +4,6 @@
 import numpy as np
 import pytest
 from action_msgs.msg import GoalStatus
-from rclpy.action import ActionClient
 from sensor_msgs.msg import JointState
 
 from loco_bringup.bag.writer import BagWriter
@@ -19,6 +18,8 @@ from loco_msgs.action import Calibrate
 from loco_sim.plant import model as models
 from loco_sim.robot import robot as robots
 
+from .conftest import Caller
+
 pytestmark = pytest.mark.ros
 
 PARAMETERS = {
@@ -31,26 +32,13 @@ PARAMETERS = {
 }
 
 
-class Caller:
+class Calibrating(Caller):
     """A calibrator, and a client of its action."""
 
     def __init__(self, bench, folder):
-        self.bench = bench(
-            CalibratorNode, CALIBRATION_TOPICS, folders=f'["{folder}"]', **PARAMETERS
-        )
-        self.client = ActionClient(self.bench.tester, Calibrate, "calibrate")
-        self.states = self.bench.listen("calibration")
-        self.feedback, self._robots = [], []
-        self.bench.wait(self.client.server_is_ready)
-        for _ in range(20):  # the server has to know the client too, or its answers are lost
-            self.bench.executor.spin_once(timeout_sec=0.01)
-
-    def send(self, **goal):
-        """Handle of a goal that was accepted."""
-        heard = self.feedback.append
-        sent = self.client.send_goal_async(Calibrate.Goal(**goal), lambda m: heard(m.feedback))
-        self.bench.wait(sent.done)
-        return sent.result()
+        made = bench(CalibratorNode, CALIBRATION_TOPICS, folders=f'["{folder}"]', **PARAMETERS)
+        self.states, self._robots = made.listen("calibration"), []
+        super().__init__(made, Calibrate, "calibrate")
 
     def robot(self, namespace):
         """A robot to listen to."""
@@ -61,18 +49,12 @@ class Caller:
         """Nobody may hear of us in the next test, even if our node lives on for a while."""
         for robot in self._robots:
             robot.close()
-        self.client.destroy()
-
-    def result(self, handle, meanwhile=lambda: None):
-        """Status and result of a goal; `meanwhile` is called until it is there."""
-        answer = handle.get_result_async()
-        self.bench.wait(lambda: meanwhile() or answer.done(), timeout=240.0)
-        return answer.result().status, answer.result().result
+        super().close()
 
 
 @pytest.fixture
 def caller(bench, tmp_path_factory):
-    made = Caller(bench, tmp_path_factory.getbasetemp())
+    made = Calibrating(bench, tmp_path_factory.getbasetemp())
     yield made
     made.close()
 

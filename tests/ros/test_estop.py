@@ -54,9 +54,7 @@ class Plant:
 
     def call(self, stops):
         self.b.wait(self.service.service_is_ready)
-        future = self.service.call_async(SetBool.Request(data=stops))
-        self.b.wait(future.done)
-        return future.result()
+        return self.b.answer(lambda: self.service.call_async(SetBool.Request(data=stops)))
 
 
 def test_false_on_the_topic_does_nothing_before_and_after_a_stop(bench):

@@ -8,7 +8,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 from action_msgs.msg import GoalStatus
-from rclpy.action import ActionClient
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 
@@ -26,6 +25,8 @@ from loco_learning.runs.rollout import rollout
 from loco_msgs.action import FindGap
 from loco_sim.plant import model as models
 from loco_sim.plant.model import Model
+
+from .conftest import Caller
 
 HERE = str(Path(__file__).resolve().parent)
 if HERE not in sys.path:  # the child process gets our path
@@ -54,38 +55,26 @@ def bags(logs, tmp_path_factory):
     return found
 
 
-class Caller:
-    """A calibrator, and a client of its action."""
+class Finding(Caller):
+    """A calibrator, and a client of its action that finds gaps."""
+
+    patience = 150.0
 
     def __init__(self, bench, folder):
-        self.bench = bench(
+        made = bench(
             lambda: CalibratorNode(find=quick_gap.find),
             CALIBRATION_TOPICS,
             **{"listen.patience": 1.5, "listen.skip": 0.0, "folders": f'["{folder}"]'},
         )
-        self.client = ActionClient(self.bench.tester, FindGap, "find_gap")
-        self.states, self.feedback = self.bench.listen("gap_search"), []
-        self.bench.wait(self.client.server_is_ready)
-        for _ in range(20):  # the server has to know the client too, or its answers are lost
-            self.bench.executor.spin_once(timeout_sec=0.01)
-
-    def send(self, **goal):
-        heard = self.feedback.append  # of the client lives on what it was given: not us, too
-        sent = self.client.send_goal_async(FindGap.Goal(**goal), lambda m: heard(m.feedback))
-        self.bench.wait(sent.done)
-        return sent.result()
-
-    def result(self, handle, meanwhile=lambda: None):
-        answer = handle.get_result_async()
-        self.bench.wait(lambda: meanwhile() or answer.done(), timeout=150.0)
-        return answer.result().status, answer.result().result
+        self.states = made.listen("gap_search")
+        super().__init__(made, FindGap, "find_gap")
 
 
 @pytest.fixture
 def caller(bench, tmp_path_factory):
-    made = Caller(bench, tmp_path_factory.getbasetemp())
+    made = Finding(bench, tmp_path_factory.getbasetemp())
     yield made
-    made.client.destroy()
+    made.close()
 
 
 def test_every_mistake_in_a_goal_is_one_clear_line(caller, tmp_path):

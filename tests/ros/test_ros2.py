@@ -8,6 +8,7 @@ import re
 import shlex
 import threading
 import time
+import xml.etree.ElementTree as ET
 from pathlib import Path
 
 import pytest
@@ -19,6 +20,7 @@ from std_srvs.srv import SetBool
 
 from loco_bringup.ros2 import client, main, topics
 from loco_control.exceptions import GraphError, LocoError, NameUnknownError, ParameterError
+from loco_control.ros import LOOPBACK
 from loco_control.ros.messages.joint_topics import JOINT_TOPICS
 from loco_control.ros.messages.topics import TOPICS
 from loco_msgs.action import Calibrate, FindGap
@@ -79,7 +81,9 @@ class Graph:
 
     def _run(self, handle):
         kind = Calibrate if isinstance(handle.request, Calibrate.Goal) else FindGap
-        handle.publish_feedback(kind.Feedback())
+        for _ in range(10):  # the first is lost while the client's reader is not matched yet
+            handle.publish_feedback(kind.Feedback())
+            time.sleep(0.02)
         handle.succeed()
         return kind.Result(message="found")
 
@@ -150,6 +154,13 @@ def listed(said, words, *texts):
     raise AssertionError(f"{words}: {said()}")
 
 
+def test_every_node_is_heard_of_again_before_a_list_counts_as_complete():
+    """Whoever missed its first announcements waits for the next: a list without it was printed."""
+    period = ET.parse(LOOPBACK).find(".//{*}leaseAnnouncement")
+    seconds = float(period.find("{*}sec").text) + 1e-9 * float(period.find("{*}nanosec").text)
+    assert 0.1 <= seconds < client.SETTLE  # more often would cost the nodes time
+
+
 def test_what_the_graph_holds_is_listed(graph, said):
     listed(said, "node list", "/target_generator\n")
     listed(said, "topic list -t", "/joint_states [sensor_msgs/msg/JointState]\n")
@@ -189,7 +200,7 @@ def test_a_rate_is_measured(graph, said, monkeypatch):
         spun.append(seconds)
         if len(spun) > 2:
             raise KeyboardInterrupt
-        self.wait(lambda: False, seconds)
+        self.wait(lambda: False, 0.5 * seconds)
 
     monkeypatch.setattr(client.Client, "spin", stop_after_two)
     with pytest.raises(KeyboardInterrupt):

@@ -175,9 +175,7 @@ def test_a_stranger_sets_only_what_may_change(bench, node, table):
         request = SetParameters.Request(
             parameters=[Parameter(name, value=value).to_parameter_msg()]
         )
-        future = client.call_async(request)
-        b.wait(future.done)
-        return future.result().results[0]
+        return b.answer(lambda: client.call_async(request)).results[0]
 
     for name, value in (("use_sim_time", True), ("recorded", True), ("control_rate", 1e9)):
         before = b.node.get_parameter(name).value

@@ -146,6 +146,28 @@ def test_a_joint_that_moves_without_a_command_has_no_drive(search, tmp_path, pol
     )
 
 
+@pytest.mark.parametrize("order", [1, -1])
+def test_a_joint_that_moves_in_any_recording_has_no_drive(search, order):
+    """A slow motion of the cart leaves the pole at rest; the verdict hangs on no order of files."""
+    Path("my.urdf").write_text(with_a_passive_pole(effort=5.0))
+    for name, pole in ("slow.csv", 0.001), ("fast.csv", 0.3):
+        table(name, slide_pos=0.2 * np.sin(3.0 * T), slide_force_cmd=np.cos(3.0 * T),
+              hinge_pos=pole * np.sin(5.0 * T))  # fmt: skip
+    code, said, asked = search(*["slow.csv", "fast.csv"][::order])
+    assert code == 0, said
+    assert list(asked["model"].make_robot().drives) == ["slide"]
+
+
+def test_a_joint_moves_however_far_a_wheel_turns(search):
+    """A pendulum of 0.3 rad under a wheel of 50 rad had a drive, and its command was asked for."""
+    Path("my.urdf").write_text(with_a_passive_pole(effort=5.0).replace("prismatic", "continuous"))
+    table("my.csv", slide_pos=8.0 * T, slide_torque_cmd=np.cos(3.0 * T),
+          hinge_pos=0.3 * np.sin(5.0 * T))  # fmt: skip
+    code, said, asked = search("my.csv")
+    assert code == 0, said
+    assert list(asked["model"].make_robot().drives) == ["slide"]
+
+
 @pytest.mark.parametrize(("effort", "code"), [(0.0, 0), (5.0, 2)])
 def test_a_command_without_a_name_is_of_the_only_joint_with_an_effort_limit(search, effort, code):
     Path("my.urdf").write_text(with_a_passive_pole(effort))

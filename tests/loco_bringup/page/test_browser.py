@@ -143,13 +143,19 @@ new MutationObserver(async (_, seer) => {
 }).observe(document.documentElement, { attributeFilter: ["data-drawn"] });
 </script></head>"""
 
-# A pointer in the middle of the first plot, and out of it again.
+# A pointer in the middle of the first plot, and out of it again. Pictures are decoded beside the
+# virtual time of the browser, whose timers end at once: each pause does real work, too.
 POINTER = """<script>
 new MutationObserver(async (_, seer) => {
   seer.disconnect();
-  const pause = () => new Promise((done) => setTimeout(done, 500));
-  charts[0].setCursor({ left: charts[0].over.clientWidth / 2, top: 5 });
-  for (let k = 0; k < 30 && still.width !== 8; k++) await pause();
+  const pause = () => {
+    for (let i = 0, sum = 0; i < 2e7; i++) sum += i;
+    return new Promise((done) => setTimeout(done, 100));
+  };
+  for (let k = 0; k < 150 && still.width !== 8; k++) {  // a plot drawn anew forgets the pointer
+    charts[0].setCursor({ left: charts[0].over.clientWidth / 2, top: 5 });
+    await pause();
+  }
   const told = document.body.appendChild(document.createElement("pre"));
   const seen = still.getContext("2d").getImageData(4, 4, 1, 1).data, moves = [!movie.hidden];
   charts[0].setCursor({ left: -10, top: -10 });

@@ -265,3 +265,26 @@ def test_without_a_gear_stiffness_the_rotor_turns_with_the_joint():
     rigid, rotor = (Bolted(one).run(*commands(one, 200)).q for one in both)
     assert np.ptp(rigid) > 0.1
     np.testing.assert_array_equal(rigid, rotor)
+
+
+@pytest.mark.parametrize("effect", ["", "actuator_lag", "coulomb_friction", "armature"])
+def test_damping_of_joints_needs_no_finer_steps_whatever_acts(effect):
+    """Far above the limit of explicit damping; the error falls with the step, as elsewhere."""
+    plant = robot.load("hyq_leg", {"sim.max_substeps": 1000})
+    inertia = np.diag(Bolted(plant, []).inertia(plant.standing)).min()
+    heavy = {f"dynamics.{joint}.damping": 20.0 * inertia / 0.001 for joint in plant.joints}
+    acting = specs(effect) if effect else []
+
+    def moved(**how) -> tuple[float, np.ndarray]:
+        values = {f"sim.{name}": value for name, value in how.items()}
+        found = robot.load("hyq_leg", {"sim.max_substeps": 1000, **heavy, **values})
+        bolted = Bolted(found, effects.from_list(acting), 0, 0.004)
+        return bolted.physics_dt, bolted.run(*commands(found, 250)).q
+
+    step, by_default = moved()
+    _, half = moved(physics_rate=2000.0)
+    explicit, fine = moved(implicit_damping=False, physics_rate=4000.0)
+    assert step > 20.0 * explicit
+    errors = [np.sqrt(np.mean((q - fine) ** 2)) for q in (by_default, half)]
+    assert errors[0] < 0.02 * np.std(fine)
+    assert 1.5 < errors[0] / errors[1] < 2.5

@@ -9,6 +9,7 @@ import pytest
 from loco_sim.effects import EFFECTS
 from loco_sim.effects.coordinates import Coordinate, assemble
 from loco_sim.effects.offers import Motion
+from loco_sim.effects.places import links
 from loco_sim.robot import robot
 from loco_sim.robot.description import Description
 
@@ -68,9 +69,18 @@ def test_a_payload_may_sit_anywhere_on_a_base_that_moves(name):
     assert first.place not in {o.place for o in EFFECTS["payload"].offers(held, ("q",), hints)}
 
 
-def test_a_payload_may_sit_beside_the_centre_of_mass_of_a_link_that_turns():
-    """Along the line through it alone, a load at the tip of a bent link was a wrong centre."""
+@pytest.mark.parametrize("at_joint", [False, True])
+def test_a_payload_may_sit_beside_the_centre_of_mass_of_a_link_that_turns(at_joint):
+    """Along the line through it alone, a load at the tip of a bent link was a wrong centre.
+
+    Inertias that people write by hand often have it in the joint, from where no line leads.
+    """
     arm, place = robot.load("hyq", {"fixed_base": True, "height": 1.0}), [0.3, -0.2, 0.1]
+    if at_joint:
+        link, com = links(arm)[-1]
+        moved = {f"bodies.{link}.{axis}": -v for axis, v in zip("xyz", com, strict=True)}
+        arm = robot.load("hyq", {"fixed_base": True, "height": 1.0, **moved})
+        assert np.linalg.norm(dict(links(arm))[link]) < 1e-9
     offers = EFFECTS["payload"].offers(arm, ("q",), Motion(np.zeros(12), np.zeros(12)))
     for link in {o.place for o in offers}:
         (_, *position) = max((o.coordinates for o in offers if o.place == link), key=len)

@@ -152,6 +152,17 @@ def test_how_many_more_problems_there_are_is_said(folder):
         robot.load(folder(GOOD.replace('mass value="1"', 'mass value="-1"')))
 
 
+@pytest.mark.parametrize("share", [0.0, 1.0])
+def test_masses_of_dust_are_placeholders_unless_one_link_weighs_something(folder, share):
+    """An exporter writes 1e-9 kg where no part has a material; a small tip may weigh as little."""
+    urdf = GOOD.replace('mass value="1"', 'mass value="1e-9"')
+    if share:
+        assert robot.load(folder(urdf.replace("1e-9", "1", 1))).joints == ("elbow",)
+        return
+    with pytest.raises(ParameterError, match="weighs 1e-09 kg: its masses are placeholders"):
+        robot.load(folder(urdf))
+
+
 def test_links_fixed_to_others_need_neither_mass_nor_inertia(folder):
     made = robot.load(folder(WITH_TIP))
     assert made.joints == ("elbow",)

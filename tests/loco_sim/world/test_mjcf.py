@@ -160,6 +160,51 @@ def test_a_mesh_that_is_not_there_is_named(tmp_path, content):
     assert "without a shape, as its mesh is not there: upper (rod.stl)" in made.notes
 
 
+def test_a_mass_that_follows_from_a_mesh_that_is_not_there_is_said(tmp_path):
+    text = ARM.replace(GEOM, '<geom type="mesh" mesh="rod"/>')
+    text = text.replace("<worldbody>", '<asset><mesh file="rod.stl"/></asset><worldbody>')
+    with pytest.raises(ParameterError, match="follows from a mesh, and that file is not there"):
+        tidied(tmp_path, text)
+
+
+@pytest.mark.parametrize(
+    ("option", "gravity"),
+    [
+        ("", None),
+        ('<option gravity="0 0 -9.80665"/>', None),
+        ('<option gravity="0 0 -1.62"/>', 1.62),
+        ('<option gravity="0 0 0"/>', 0.0),
+        ('<option><flag gravity="disable"/></option>', 0.0),
+    ],
+)
+def test_a_robot_weighs_what_it_weighs_in_its_file(tmp_path, option, gravity):
+    text = ARM.replace("<worldbody>", f"{option}<worldbody>").replace("MORE", "")
+    (tmp_path / "robot.xml").write_text(text)
+    result = make(tmp_path / "robot.xml", tmp_path / "out")
+    expected = 9.81 if gravity is None else gravity
+    assert robots.load(result.folder).sim.gravity == pytest.approx(expected)
+    told = [value for key, value, _ in result.rows if key == "gravity"]
+    assert told == ([] if gravity is None else [f"{gravity:g} m/s²"])
+
+
+def test_gravity_that_does_not_point_down_is_told(tmp_path):
+    text = ARM.replace("<worldbody>", '<option gravity="0 3 -9"/><worldbody>')
+    notes = tidied(tmp_path, text)[1].notes
+    assert any("read as downwards" in note for note in notes)
+
+
+@pytest.mark.parametrize(("kv", "is_lowered"), [(150.0, True), (1.0, False)])
+def test_damping_of_an_actuator_that_the_steps_do_not_allow_is_told(tmp_path, kv, is_lowered):
+    more = "".join(
+        f'<position joint="{j}" kp="2000" kv="{kv}"/>' for j in ("yaw", "pitch", "rail", "roll")
+    )
+    path, _ = tidied(tmp_path, ARM, f"<actuator>{more}</actuator>")
+    result = make(path, tmp_path / "out")
+    text = next(value for key, value, _ in result.rows if key == "gains")
+    kept = all(d.kd == pytest.approx(kv) for d in robots.load(result.folder).drives.values())
+    assert ("lowered, from 150 in the file" in text) is is_lowered is not kept
+
+
 def test_a_body_without_mass_is_one_line_of_mujoco(tmp_path):
     with pytest.raises(ParameterError, match="MuJoCo: .*mass"):
         tidied(tmp_path, ARM.replace(GEOM, "", 1).replace(GEOM, "", 1).replace(GEOM, "", 1))

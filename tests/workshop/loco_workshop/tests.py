@@ -22,6 +22,14 @@ from .reliability.figures import keep
 ALL_TESTS = ["-q", "-n", "3", "--dist", "loadgroup", "--durations=40", "--durations-min=3"]
 COVERED = ["--cov", "--cov-report=term:skip-covered", "--cov-fail-under=90"]
 
+# Groups and files with few tests that take 15 s and more. They start first, and the others in the
+# order of their number of tests, so that no worker has a long one when the others have ended.
+LONG = ("graph", "tutorials", "colcon", "tests/workshop/test_wheel.py",
+        "tests/loco_learning/gap/setup/test_drawn.py", "tests/workshop/stress/test_crash.py",
+        "tests/loco_learning/gap/setup/test_torques.py", "tests/test_without_ros.py",
+        "tests/loco_learning/gap/fleet/test_fleet.py", "tests/loco_bringup/hardware/test_page.py",
+        "tests/workshop/docs/test_site.py", "tests/workshop/test_bodies.py")  # fmt: skip
+
 # Tests in which numba compiles most kernels. They run before, on two workers and without coverage,
 # under which its compiler takes three times as long; whatever process comes later finds them, where
 # three workers would else compile each of them at once.
@@ -45,12 +53,19 @@ SUITES: dict[str, tuple[list[str], str]] = {
 }  # fmt: skip
 WHOLE = {"whole suite": ALL_TESTS, "coverage": [*ALL_TESTS, *COVERED]}
 
+# Options of pytest that change what is told of the tests, neither which are run nor how; and those
+# of them whose value is a word of its own where no "=" follows.
+TELLING = ("--junit", "--durations", "--tb", "--color", "--verbosity", "-v", "-q", "-r", "-o", "-p")
+VALUED = ("--junitxml", "--junit-xml", "--junit-prefix", "--durations", "--durations-min", "--tb",
+          "--color", "--verbosity", "-r", "-o", "-p")  # fmt: skip
+
 
 def run_tests(arguments: list[str]) -> int:
     """Run pytest in the root folder of the clone.
 
     Args:
-        arguments: Arguments of pytest; empty for all tests, ``--cov`` alone for their coverage.
+        arguments: Arguments of pytest; empty for all tests, ``--cov`` alone for their coverage,
+            options of `TELLING` for all tests, of which something else is told.
 
     Returns:
         The exit code of pytest.
@@ -58,7 +73,9 @@ def run_tests(arguments: list[str]) -> int:
     name = next((name for name, (words, _) in SUITES.items() if words == arguments), "")
     with tempfile.TemporaryDirectory() as folder:
         results, coverage = Path(folder, "tests.xml"), Path(folder, "coverage.json")
-        for chosen in [KERNELS, WHOLE[name]] if name in WHOLE else [arguments]:
+        whole = name in WHOLE or only_tells(arguments)
+        runs = [KERNELS, WHOLE.get(name, [*ALL_TESTS, *arguments])] if whole else [arguments]
+        for chosen in runs:
             kept = [f"--junitxml={results}"] if name else []
             kept += [f"--cov-report=json:{coverage}"] if "--cov" in chosen else []
             words = [sys.executable, "-m", "pytest", *kept, *chosen]
@@ -66,6 +83,16 @@ def run_tests(arguments: list[str]) -> int:
         if name and code in (0, 1) and results.exists():  # not interrupted
             _keep(name, results, coverage)
     return code
+
+
+def only_tells(arguments: list[str]) -> bool:
+    """Whether arguments of pytest leave all tests to be run, as `TELLING` says."""
+    value = False  # the word belongs to the option before
+    for word in arguments:
+        if "xdist" in word or not (value or word.startswith(TELLING)):
+            return False
+        value = not value and word in VALUED
+    return True
 
 
 def _keep(name: str, results: Path, coverage: Path) -> None:

@@ -130,6 +130,38 @@ def test_a_selection_of_tests_keeps_its_figures(place, monkeypatch):
     assert len(list(place.glob("results/*"))) == len(tests.SUITES)
 
 
+@pytest.mark.parametrize(
+    ("words", "all_tests"),
+    [
+        ("", True), ("--junitxml=a.xml", True), ("--junitxml a.xml -v", True), ("-q -r fE", True),
+        ("-p other --tb=short", True), ("-p no:xdist", False), ("tests", False), ("-k a", False),
+        ("-v tests", False), ("--junitxml=a.xml tests", False), ("-n 2", False), ("-x", False),
+        ("--junitxml a.xml tests", False), ("--lf", False), ("--collect-only", False),
+    ],
+)  # fmt: skip
+def test_all_tests_run_side_by_side_whatever_is_told_of_them(monkeypatch, words, all_tests):
+    """With the options of a CI they took as long as one after another: it writes a JUnit file."""
+    ran = []
+
+    def pytests(command, **_):
+        ran.append(command[command.index("pytest") + 1 :])
+        return subprocess.CompletedProcess(command, 0, "", "")
+
+    monkeypatch.setattr(subprocess, "run", pytests)
+    monkeypatch.setattr(tests, "SUITES", {})  # keep no figures
+    given = words.split()
+    assert tests.run_tests(given) == 0
+    kernels = [tests.KERNELS, [*tests.ALL_TESTS, *given]]
+    assert ran == (kernels if all_tests else [given])
+
+
+def test_long_groups_and_files_that_start_first_exist(repository):
+    marks = re.findall(r'xdist_group\("(\w+)"', "".join(
+        path.read_text() for path in (repository / "tests").rglob("test_*.py")))  # fmt: skip
+    for scope in tests.LONG:
+        assert scope in marks or (repository / scope).is_file(), scope
+
+
 LINES = [line for lines in page.DECLARATION.values() for line in lines]
 
 

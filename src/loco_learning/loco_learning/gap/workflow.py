@@ -157,7 +157,8 @@ def search(
     offers = hints.sized(offer(robot, case.signals, hints.find(case, robot)), forward)
     candidates = forward.shown(offers)
     hypotheses, inseparable = separable([h for h in candidates if allowed(h.effect, params)])
-    not_tried = [one for one in omitted(robot, candidates) if allowed(one[0], params)] + inseparable
+    omissions = omitted(robot, candidates, case.signals)
+    not_tried = [one for one in omissions if allowed(one[0], params)] + inseparable
 
     def started() -> Jobs:
         place = pool.start(call, (case,), *pool.where(workers))

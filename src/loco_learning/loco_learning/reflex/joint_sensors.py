@@ -11,8 +11,6 @@ import numpy as np
 from loco_control.exceptions import ParameterError
 from loco_control.orientation import roll_pitch_yaw
 
-SENSOR_TYPES = ("joint", "gyro", "tilt")
-
 
 def passive_joints(robot: Any) -> np.ndarray:
     """Indices of the joints without a drive, (p,)."""
@@ -20,7 +18,7 @@ def passive_joints(robot: Any) -> np.ndarray:
 
 
 def sensor_kinds(robot: Any) -> tuple[str, ...]:
-    """Kind of each element of `sensor_vector`, one of `SENSOR_TYPES`, (k,)."""
+    """Kind of each element of `sensor_vector`, joint, gyro or tilt, (k,)."""
     return ("joint",) * len(passive_joints(robot)) + ("gyro",) * 3 + ("tilt",) * 2
 
 

@@ -13,7 +13,7 @@ from ..jit import kernel, njit
 from ..multibody.dynamics import advance, workshop
 from ..world.braking import split
 
-MADE_OF = "67545d464914"  # of the called kernels, see tests/loco_sim/test_kernel_caches.py
+MADE_OF = "19ea6b079abc"  # of the called kernels, see tests/loco_sim/test_kernel_caches.py
 
 
 @kernel

@@ -20,7 +20,7 @@ import numpy as np
 from loco_control.exceptions import ParameterError
 
 from ..drives.actuators import Actuators
-from ..drives.stability import substeps
+from ..drives.stability import plan_passive
 from ..effects.base import ON_TORQUES, Effect, overrides, span, streams
 from ..effects.catalogue.friction import inherent
 from ..effects.chain import Chain
@@ -92,10 +92,14 @@ class Bolted:
             self.dt = max(1, round(self.dt * rate)) / rate
         self._steps = periods(self.dt, rate)
         self._configure()
-        count = self._substeps()
+        inertia, step = self.inertia(robot.standing), self.dt / self._steps
+        count, implicit = plan_passive(robot, self._damping, inertia, step)
         if count > 1:
             self._steps *= count
             self._configure()
+        self._implicit = implicit * self._damping  # [N·m·s/rad], (n,)
+        if implicit:
+            self._tree = tree.damped(self._tree)
         self.physics_dt = self.dt / self._steps
 
     def _configure(self) -> None:
@@ -110,14 +114,6 @@ class Bolted:
             self._tree = tree.geared(self._tree, self._order, joints, setting.armature)
         self._gravity, self._pull = np.array(setting.gravity), np.array(setting.pull)
         self._limb_indices = limbs.limb_indices(self._tree.kin)
-
-    def _substeps(self) -> int:
-        """Number of sub-steps for which explicit damping is stable: `stability.substeps`.
-
-        Damping is never implicit here, as with `SimParams.implicit_damping` off.
-        """
-        robot, dt = self.robot, self.dt / self._steps
-        return substeps(robot.damping + self._damping, self.inertia(robot.standing), dt, robot.sim)
 
     def inertia(self, q: np.ndarray) -> np.ndarray:
         """Joint-space inertia matrix [kg·m²], (n, n), in the robot's order."""
@@ -204,7 +200,8 @@ class Bolted:
             segments = segments._replace(starts=np.hstack([segments.starts, unknown]))
         stop_speed = np.zeros((len(segments.rows), n))
         for row, q in enumerate(segments.starts[:, 0] if len(brakes.plan) else ()):
-            stop_speed[row] = braking.stopped_per_torque(self.inertia(q), self.physics_dt)
+            inertia = self.inertia(q) + self.physics_dt * np.diag(self._implicit)
+            stop_speed[row] = braking.stopped_per_torque(inertia, self.physics_dt)
         measures = [
             (*span(effect, self.physics_dt), effect)
             for effect in self._effects

@@ -35,8 +35,9 @@ def stability_ratio(kd: np.ndarray, dt: float, inertia: np.ndarray) -> float:
 
 
 def plan(
-    robot: Robot, own: np.ndarray, inertia: np.ndarray, dt: float, params: SimParams, solve: bool
-) -> tuple[int, bool]:
+    robot: Robot, passive: np.ndarray, inertia: np.ndarray, dt: float,
+    params: SimParams, solve: bool,
+) -> tuple[int, bool]:  # fmt: skip
     """Number of sub-steps that a robot's damping needs, and whether damping is solved implicitly.
 
     Damping that would need sub-steps is solved implicitly (`damping.DampedDrives`), except that of
@@ -44,7 +45,7 @@ def plan(
 
     Args:
         robot: Drives and springs.
-        own: Damping of the joints themselves [N·m·s/rad], (n,).
+        passive: Damping of the joints themselves [N·m·s/rad], (n,).
         inertia: Joint-space inertia matrix [kg·m²], (n, n).
         dt: Physics step [s].
         params: `damping_limit`, `max_substeps` and `implicit_damping`.
@@ -53,13 +54,38 @@ def plan(
     Raises:
         ParameterError: More sub-steps than `max_substeps` would be needed.
     """
-    total = robot.damping + own
+    total = robot.damping + passive
     if not (solve and params.implicit_damping):
         return substeps(total, inertia, dt, params), False
     drives = [robot.drives.get(joint) for joint in robot.joints]
     servos = np.array([d.damping if isinstance(d, ServoParams) else 0.0 for d in drives])
     count = substeps(servos, inertia, dt, params)
     return count, _parts(total, inertia, dt, params) > count
+
+
+def plan_passive(
+    robot: Robot, passive: np.ndarray, inertia: np.ndarray, dt: float
+) -> tuple[int, bool]:
+    """Number of sub-steps, and whether the damping of the joints themselves is implicit.
+
+    It is where explicit damping would need sub-steps: whatever acts on the drives, it stays a
+    damping of the joints, unlike that of the drives.
+
+    Args:
+        robot: Drives, springs and settings of the simulation.
+        passive: Damping of the joints themselves [N·m·s/rad], (n,).
+        inertia: Joint-space inertia matrix [kg·m²], (n, n).
+        dt: Physics step [s].
+
+    Raises:
+        ParameterError: More sub-steps than `max_substeps` would be needed.
+    """
+    params, total = robot.sim, robot.damping + passive
+    if _parts(total, inertia, dt, params) == 1:
+        return 1, False
+    if not (params.implicit_damping and passive.any()):
+        return substeps(total, inertia, dt, params), False
+    return substeps(robot.damping, inertia + dt * np.diag(passive), dt, params), True
 
 
 def _parts(damping: np.ndarray, inertia: np.ndarray, dt: float, params: SimParams) -> int:

@@ -11,9 +11,8 @@ from typing import NamedTuple
 
 HEADER = b"\xff\xff\xfd\x00"
 READ, WRITE, STATUS, SYNC_READ, SYNC_WRITE = 0x02, 0x03, 0x55, 0x82, 0x83
-BROADCAST = 0xFE
 ALERT = 0x80  # bit of the error byte of a status packet: hardware error
-BAD_CRC, BAD_RANGE, BAD_ACCESS = 0x03, 0x04, 0x07  # errors of an instruction
+BAD_RANGE, BAD_ACCESS = 0x04, 0x07  # errors of an instruction
 _MIN_LENGTH, _MAX_LENGTH = 3, 1024  # smallest length (instruction and CRC); largest packet [bytes]
 
 

@@ -11,7 +11,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..jit import inlined, kernel, njit
-from .tree import ARMATURE, AXIS, COM, DAMPING, HIGH, INERTIA, LOW, MASS, PLACE, TURN
+from .tree import ARMATURE, AXIS, COM, DAMPING, HIGH, IMPLICIT, INERTIA, LOW, MASS, PLACE, TURN
 
 STOP_SHARE = 0.2  # share of the penetration of a stop that is corrected per step, as in PyBullet
 STOP_DEPTH = 0.04  # deeper penetrations are not corrected [rad or m]
@@ -362,6 +362,7 @@ def advance(tree, gravity, tau, brake, pulls, step, q, dq, dt, workspace):
     pulled(tree, links, pulls, step, x)
     for i in range(n):
         x[i] = tau[i] - body[i, DAMPING] * dq[i] - x[i]
+        factor[i, i] += dt * body[i, IMPLICIT]
     factorise(kin, factor)
     solve(kin, factor, rows, n)
     held = False

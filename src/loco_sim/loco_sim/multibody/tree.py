@@ -26,6 +26,7 @@ PLACE, TURN = np.array([0, 3])  # origin [m], rotation of the joint's frame in t
 AXIS, MASS, COM, INERTIA = np.array([12, 15, 16, 19])  # unit axis; [kg]; [m]; [kg·m²]
 DAMPING, LOW, HIGH = 28, 29, 30  # viscous [N·m·s/rad]; smallest and largest position [rad or m]
 ARMATURE = 31  # inertia of rotor and gear about the joint [kg·m²]
+IMPLICIT = 32  # damping that is taken from the speed after a step [N·m·s/rad]
 
 # Joints between the world and a free base, from the world outwards: three slide along the world
 # axes, three turn about the axes of the base. The pose is stored in the frames of the first and
@@ -40,7 +41,7 @@ class Tree(NamedTuple):
     """
 
     kin: np.ndarray  # index of the parent joint, -1 for the base; 1 if the joint slides, (n, 2)
-    body: np.ndarray  # columns `PLACE` to `ARMATURE`, (n, 32)
+    body: np.ndarray  # columns `PLACE` to `IMPLICIT`, (n, 33)
     fastest: float  # limit of joint velocities, as in the engine [rad/s or m/s]
 
 
@@ -90,7 +91,7 @@ def build(
         walk.com,
         np.reshape(walk.inertia, (-1, 9)),
         [_rubbing(description, name) for name in walk.names],
-        np.zeros((len(walk.names), 1)),
+        np.zeros((len(walk.names), 2)),
     ]
     kin = np.array([walk.parent, walk.slides], dtype=np.int64).T
     tree = Tree(np.ascontiguousarray(kin), np.hstack(body), description.fastest())
@@ -110,6 +111,13 @@ def geared(
     """
     body = tree.body.copy()
     body[:, ARMATURE] = [armature.get(joints[i], 0.0) for i in order]
+    return tree._replace(body=body)
+
+
+def damped(tree: Tree) -> Tree:
+    """The tree with damping of its joints that is taken from the speed after a step."""
+    body = tree.body.copy()
+    body[:, IMPLICIT] = body[:, DAMPING]
     return tree._replace(body=body)
 
 

@@ -38,7 +38,7 @@ class Body:
 
         Args:
             description: The robot.
-            rotors: Rotors and springs of its joints.
+            rotors: Rotors and springs of its joints, and gravity.
 
         Raises:
             ParameterError: The inertia behind a joint is physically impossible.
@@ -47,6 +47,7 @@ class Body:
         tree, order, frames = trees.build(description, listed)
         self.joints = tuple(listed[i] for i in order)
         rotors = rotors or Rotors()
+        self._gravity = GRAVITY if rotors.gravity is None else rotors.gravity
         self.armature = np.array([rotors.armature.get(joint, 0.0) for joint in self.joints])
         springs = [rotors.springs.get(joint, (0.0, 0.0)) for joint in self.joints]
         self.stiffness, self.rest = np.array(springs).reshape(-1, 2).T
@@ -170,9 +171,9 @@ class Body:
         frames = self.forward(q)
         bodies = np.arange(len(self.joints))
         moved = self._jacobians(bodies, self._centres(frames)[:-1], frames)
-        tau = self.stiffness * (q - self.rest) + GRAVITY * self.mass[:-1] @ moved[:, 2]
+        tau = self.stiffness * (q - self.rest) + self._gravity * self.mass[:-1] @ moved[:, 2]
         if len(feet):
-            total, com = self.mass.sum() * GRAVITY, self.centre(q)
+            total, com = self.mass.sum() * self._gravity, self.centre(q)
             rows = np.vstack([np.ones(len(feet)), np.array(points)[:, :2].T])
             push = np.linalg.lstsq(rows, total * np.array([1.0, com[0], com[1]]), rcond=None)[0]
             for k, point, force in zip(feet, points, push.clip(0.0), strict=True):

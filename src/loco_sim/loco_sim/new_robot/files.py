@@ -248,6 +248,8 @@ class Folder:
             lines.append(f"height: {self.height:g}  # guessed: nothing touches the ground [m]")
         lines.append(f"control_rate: {RATE:g}  # guessed [Hz]")
         lines.append("guessed: [control_rate, drives]  # `loco gap` fits drives; delete once known")
+        if (gravity := draft.tidied.rotors.gravity) is not None:
+            lines.append(f"sim: {{gravity: {gravity:g}}}  # read [m/s²]")
         lines += self._drives(freed, other)
         if self.supports:
             lines.append("contacts:  # guessed")
@@ -317,6 +319,10 @@ class Folder:
         text = f"{kp}kd {gains.kd.min():.3g} to {gains.kd.max():.3g}{step}"
         if read and not all(j in read and read[j][1] > 0.0 for j in self.body.joints):
             text += f"; kp of {len(read)} actuators of the file, the others guessed"
+        lowered = [read[joint][1] for joint, kd in zip(self.body.joints, gains.kd, strict=True)
+                   if read.get(joint, (0.0, 0.0))[1] > 1.001 * kd]  # fmt: skip
+        if lowered:
+            text += f"; kd of {len(lowered)} actuators lowered, from {max(lowered):.3g} in the file"
         yield "gains", text, READ if read else GUESSED
         if count := int((gains.armature > 0.0).sum()):
             yield "armature", f"of {count} joints that are too light for gains", GUESSED
@@ -336,6 +342,8 @@ class Folder:
         rubs = (("damping", body.damping, "N·m·s/rad"), ("dry friction", body.friction, "N·m"))
         if drag := [f"{what} up to {v.max():.3g} {u}" for what, v, u in rubs if v.any()]:
             rows.append(("friction", f"{', '.join(drag)} of the joints", READ))
+        if (gravity := draft.tidied.rotors.gravity) is not None:
+            rows.append(("gravity", f"{gravity:g} m/s²", READ))
         if draft.rotation_notes:
             rows.append(("base frame", "; ".join(draft.rotation_notes), GUESSED))
         if draft.guessed_limits:

@@ -6,11 +6,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.optimize import minimize
-from scipy.spatial import ConvexHull, QhullError
 
+from .. import lazy
 from .body import Body
 from .supports import Probe, Support
+
+# Loaded on first use, since they take 0.4 s and bolted robots need neither.
+optimize, spatial = lazy.module("scipy.optimize"), lazy.module("scipy.spatial")
 
 STRETCH = (0.8, 0.7, 0.9, 0.6, 0.95, 0.5)  # hip-foot distance / leg length, tried in turn [-]
 LEVEL = 0.004  # largest height difference of feet, share of the robot's size
@@ -137,11 +139,11 @@ class Search:
             return self._cost(pose, i, goal, reach)
 
         results = []
-        for start in starts:
-            simplex = start[chain] + 0.1 * np.vstack([np.zeros(len(chain)), np.eye(len(chain))])
-            options = {"initial_simplex": simplex, "xatol": 1e-5, "fatol": 1e-9}
-            options["maxfev"] = 150 * len(chain)
-            results.append(minimize(cost, start[chain], method="Nelder-Mead", options=options))
+        options = {"xatol": 1e-5, "fatol": 1e-9, "maxfev": 150 * len(chain)}
+        for x in (start[chain] for start in starts):
+            simplex = x + 0.1 * np.vstack([np.zeros(len(chain)), np.eye(len(chain))])
+            options["initial_simplex"] = simplex
+            results.append(optimize.minimize(cost, x, method="Nelder-Mead", options=options))
         return min(results, key=lambda end: end.fun).x
 
     def _cost(self, q: np.ndarray, i: int, goal: np.ndarray, reach: float) -> float:
@@ -197,7 +199,7 @@ def inside(points: np.ndarray, point: np.ndarray) -> float:
         point: The point, (2,).
     """
     try:
-        hull = ConvexHull(points)
-    except (QhullError, ValueError):  # fewer than three points, or all on one line
+        hull = spatial.ConvexHull(points)
+    except (spatial.QhullError, ValueError):  # fewer than three points, or all on one line
         return -float(np.min(np.linalg.norm(points - point, axis=1)))
     return -float(np.max(hull.equations[:, :2] @ point + hull.equations[:, 2]))

@@ -121,7 +121,7 @@ class Simulation:
         try:
             inertia = world.joint_inertia(self._standing)
             count, world.damped = plan(
-                self.robot, self._own_damping(), inertia, world.dt, self._params, solve
+                self.robot, self._passive_damping(), inertia, world.dt, self._params, solve
             )
         except np.linalg.LinAlgError:
             raise ParameterError(
@@ -135,15 +135,16 @@ class Simulation:
         self._steps *= count
         world.dt = self.dt / self._steps
 
-    def _own_damping(self) -> np.ndarray:
+    def _passive_damping(self) -> np.ndarray:
         """Damping of the joints themselves [N·m·s/rad], (n,)."""
         return np.array([self._world.description.damping(j) for j in self.robot.joints])
 
     def _rebuild(self) -> None:
         """Rebuild the world with the changes of the effects."""
         self._world.rebuild(self._standing, self._functions("configure"), self.robot.height)
+        self._is_new = True  # nothing has moved since
         if self._world.damped:
-            self._damped = DampedDrives(self._drive, self._own_damping())
+            self._damped = DampedDrives(self._drive, self._passive_damping())
 
     def _functions(self, hook: str) -> list[Any]:
         return [getattr(e, hook) for e in self._effects if overrides(e, hook)]
@@ -193,7 +194,6 @@ class Simulation:
         q: np.ndarray,
         dq: np.ndarray,
         base: Base | None = None,
-        rebuild: bool = True,
         tick: int = 0,
         integral: np.ndarray | float = 0.0,
     ) -> RobotState:
@@ -203,13 +203,12 @@ class Simulation:
             q: Joint positions [rad], (n,).
             dq: Joint velocities [rad/s], (n,).
             base: State of the base; None for that of a reset.
-            rebuild: Rebuild the world. Without it the world keeps its contact history, which
-                does not matter for a robot without contacts.
             tick: Number of the first tick, which determines the time windows of effects.
             integral: Torques of the integrators of the drives [N·m], (n,).
         """
-        if rebuild and not self._world.restore():
+        if not self._world.restore() and not self._is_new:
             self._rebuild()
+        self._is_new = False
         self._world.put(q, dq, base)
         return self._start(np.array(q, dtype=float), np.array(dq, dtype=float), tick, integral)
 
@@ -232,6 +231,7 @@ class Simulation:
             command = MotionCommand(command.tick, command.t, q, dq)
         if not self._drive.accept(command, trunk or self._no_trunk):
             self._reject()
+        self._is_new = False
         rows = self._loop.period(self._row, self._step)
         self._tick, self._step = self._tick + 1, self._step + self._steps
         return self._measure(rows)

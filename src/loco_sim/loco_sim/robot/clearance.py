@@ -77,6 +77,8 @@ def _extent(collision: Any, folder: Path) -> float:
         size = 0.5 * float(np.linalg.norm(numbers(shape, "size", "")))
     elif shape.tag == "cylinder":
         size = math.hypot(float(shape.get("radius")), 0.5 * float(shape.get("length")))
+    elif shape.tag == "capsule":
+        size = float(shape.get("radius")) + 0.5 * float(shape.get("length"))
     else:
         path = mesh_path(shape.get("filename", ""), folder)
         points = np.zeros((0, 3)) if path is None else mesh_points(path)

@@ -9,7 +9,7 @@ author's code overshoots beyond the last measured point.
 
 from __future__ import annotations
 
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from pathlib import Path
 
 import numpy as np
@@ -39,15 +39,25 @@ class HallSensor:
         if not rises:
             raise ParameterError("a Hall table needs two points or more, both columns rising")
         self.top = 2**bits - 1
-        grid = np.linspace(angles[0], angles[-1], GRID)
-        from scipy.interpolate import PchipInterpolator  # takes 0.2 s to import, few robots need it
+        self._points = angles, counts
+        self._first, self._last = float(angles[0]), float(angles[-1])
+        self._per = (GRID - 1) / (self._last - self._first)
 
-        fine = PchipInterpolator(angles, counts)(grid)
-        self._first, self._last = float(grid[0]), float(grid[-1])
-        self._per = (GRID - 1) / float(grid[-1] - grid[0])
-        # Lists, since looking up one number in an array takes several times as long.
-        self._counts = fine.tolist()
-        self._angle_of = np.interp(np.arange(self.top + 1.0), fine, grid).tolist()
+    # Lists, since looking up one number in an array takes several times as long. Made when a sensor
+    # is read first: most processes only look at the robot, and SciPy takes 0.2 s to import.
+
+    @cached_property
+    def _counts(self) -> list[float]:
+        """Exact counts at the angles of the grid."""
+        from scipy.interpolate import PchipInterpolator
+
+        return PchipInterpolator(*self._points)(np.linspace(self._first, self._last, GRID)).tolist()
+
+    @cached_property
+    def _angle_of(self) -> list[float]:
+        """Angle of each reading [rad]."""
+        grid = np.linspace(self._first, self._last, GRID)
+        return np.interp(np.arange(self.top + 1.0), self._counts, grid).tolist()
 
     def counts(self, angle: float, noise: float = 0.0) -> int:
         """Reading of the converter at an angle [rad], with additive noise [counts]."""
@@ -111,6 +121,5 @@ def check_joints(path: Path, sensors: dict[str, HallSensor], joints: tuple[str, 
     Raises:
         NameUnknownError: A sensor belongs to a joint that the robot lacks.
     """
-    for joint in sensors:
-        if joint not in joints:
-            raise NameUnknownError(f"joint of the robot in {path}", joint, joints)
+    for joint in set(sensors) - set(joints):
+        raise NameUnknownError(f"joint of the robot in {path}", joint, joints)

@@ -78,7 +78,16 @@ class Sampled(Params):
 
 
 @dataclass(frozen=True)
-class ServoParams(Sampled):
+class Following(Sampled):
+    """Base of drives that follow a setpoint."""
+
+    setpoint_speed: float = parameter(
+        0.0, "largest speed of the setpoint (velocity profile); 0 is no limit", "rad/s", low=0.0
+    )
+
+
+@dataclass(frozen=True)
+class ServoParams(Following):
     """A geared servo with a position loop, e.g. a Dynamixel."""
 
     stall_torque: float = parameter(2.6, "torque at rest at full voltage", "N·m", low=1e-6)
@@ -95,9 +104,6 @@ class ServoParams(Sampled):
     )
     gear_damping: float = parameter(
         0.05, "damping of gear and horn, used with a rotor", "N·m·s/rad", low=0.0
-    )
-    setpoint_speed: float = parameter(
-        0.0, "largest speed of the setpoint (velocity profile); 0 is no limit", "rad/s", low=0.0
     )
 
     def row(self, effort: float) -> tuple[float, ...]:
@@ -119,7 +125,7 @@ class ServoParams(Sampled):
 
 
 @dataclass(frozen=True)
-class ImpedanceDrive(Sampled):
+class ImpedanceDrive(Following):
     """Joint impedance kp (q_d - q) + kd (dq_d - dq) + feed-forward torque, within the effort limit.
 
     The gains of a joint of a leg may differ while that leg swings (thesis section 7.3.3). With
@@ -140,9 +146,6 @@ class ImpedanceDrive(Sampled):
     )
     speed_feed: float = parameter(
         1.0, "share of the commanded velocity that is asked for", "-", low=0.0, high=10.0
-    )
-    setpoint_speed: float = parameter(
-        0.0, "largest speed of the setpoint (velocity profile); 0 is no limit", "rad/s", low=0.0
     )
 
     def row(self, effort: float) -> tuple[float, ...]:

@@ -29,6 +29,7 @@ TENSOR = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
 MAX_SIZE = 64 * 2**20  # largest size of a URDF [bytes]
 LARGEST = 1e9  # largest mass [kg], inertia [kg·m²] and length [m]
 SMALLEST = 1e-12  # smallest mass other than 0 [kg]
+PLACEHOLDER = 1e-7  # mass of the heaviest link under which masses are made up [kg] (taste)
 ROUNDING = 1e-6  # tolerance of the triangle inequality of moments, share of the largest one
 SIZES = {"box": ("size",), "sphere": ("radius",), "cylinder": ("radius", "length"),
          "capsule": ("radius", "length"), "mesh": ()}  # fmt: skip
@@ -287,6 +288,12 @@ def _weightless(root: ET.Element, free: set[str]) -> Iterator[str]:
             total[name] += mass
     if free and not any(masses.values()):
         yield "no link of it has a mass: it is a drawing, and moves once links have an <inertial>"
+        return
+    if free and 0.0 < (heaviest := max(masses.values())) < PLACEHOLDER:
+        yield (
+            f"its heaviest link weighs {heaviest:g} kg: its masses are placeholders, as exporters "
+            "write them where no part has a material; give the links their masses"
+        )
         return
     for name in masses:
         if name in free and (total[name] == 0.0 or (name not in parents and masses[name] == 0.0)):

@@ -32,7 +32,7 @@ from ..multibody.dynamics import (
 )
 from ..robot.description import Description
 
-MADE_OF = "956e68e094e9"  # of the called kernels, see tests/loco_sim/test_kernel_caches.py
+MADE_OF = "20bdded77032"  # of the called kernels, see tests/loco_sim/test_kernel_caches.py
 
 POINT, NORMAL, SPEED, GIVE, FRICTION, TOUCH = 0, 3, 6, 7, 8, 9  # columns of a contact; their number
 SWEEPS = 50  # largest number of iterations over the contacts

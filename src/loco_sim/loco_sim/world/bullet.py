@@ -123,7 +123,7 @@ class World(world.World):
         c.changeDynamics(self._ground, -1, lateralFriction=GROUND_FRICTION, restitution=1.0)
         with tempfile.TemporaryDirectory() as folder:
             file = Path(folder) / "robot.urdf"
-            file.write_text(_with_own_meshes(self._text(), Path(folder)), encoding="utf-8")
+            file.write_text(_with_own_meshes(self._urdf, Path(folder)), encoding="utf-8")
             try:
                 self._body = c.loadURDF(
                     str(file), [0.0, 0.0, height],

@@ -32,6 +32,7 @@ JOINT_TYPES = {
 TENSOR = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
 GEOM = mujoco.mjtGeom
 AFFINE = int(mujoco.mjtBias.mjBIAS_AFFINE)
+EARTH, OFF_EARTH = 9.81, 0.01  # gravity [m/s²]; share by which that of a file differs in earnest
 Note = Callable[[str, str], None]
 
 
@@ -66,18 +67,21 @@ def to_urdf(path: Path, note: Note) -> tuple[ET.Element, Rotors]:
     """
     try:
         spec = mujoco.MjSpec.from_file(str(path))
-        _without_files(spec, path.resolve().parent, note)
+        is_cut = _without_files(spec, path.resolve().parent, note)
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # about deprecated attributes
             model = spec.compile()
     except (ValueError, RuntimeError) as error:
         lines = [line.strip() for line in str(error).splitlines() if line.strip()]
-        raise ParameterError(f"{path}: MuJoCo: {'; '.join(lines[:2])}") from None
+        if "mass and inertia" in str(error) and is_cut:
+            lines[2:] = ["a mass follows from a mesh, and that file is not there: put it where the "
+                         "MJCF names it, or give the body an <inertial>"]  # fmt: skip
+        raise ParameterError(f"{path}: MuJoCo: {'; '.join(lines[:3])}") from None
     return _Writer(spec, model, path.resolve().parent, note).written()
 
 
-def _without_files(spec: mujoco.MjSpec, folder: Path, note: Note) -> None:
-    """Remove textures, and shapes with missing files."""
+def _without_files(spec: mujoco.MjSpec, folder: Path, note: Note) -> bool:
+    """Remove textures, and shapes with missing files; whether there was such a shape."""
     for part in (*spec.geoms, *spec.sites, *spec.tendons):
         part.material = ""
     for part in (*spec.skins, *spec.materials, *spec.textures):
@@ -92,6 +96,7 @@ def _without_files(spec: mujoco.MjSpec, folder: Path, note: Note) -> None:
             spec.delete(geom)
     for part in (*(m for m in spec.meshes if m.name in lost), *spec.hfields):
         spec.delete(part)
+    return bool(lost)
 
 
 def _mesh_file(spec: mujoco.MjSpec, folder: Path, file: str) -> Path:
@@ -131,6 +136,7 @@ class _Writer:
             for body in trees[top]:
                 self._body(body, rooted and body == top)
         self._leave_out()
+        self._rotors.gravity = self._gravity()
         moved = {j for top in tops for j in self._joints(trees[top])}
         if model.nu:
             driven = {self._joint_name(j) for j in moved} & set(self._limits)
@@ -309,7 +315,19 @@ class _Writer:
         body = ET.Element("mesh", filename=str(path), scale=_text(model.mesh_scale[mesh]))
         return body, place.then(moved.inverse())
 
-    # ---- actuators, and omitted parts
+    # ---- gravity, actuators, and omitted parts
+
+    def _gravity(self) -> float | None:
+        """Gravity of a file that states another one than that of the earth [m/s²], else None."""
+        pull = np.array(self._model.opt.gravity)
+        if self._model.opt.disableflags & mujoco.mjtDisableBit.mjDSBL_GRAVITY:
+            pull[:] = 0.0
+        size = float(np.linalg.norm(pull))
+        if np.hypot(*pull[:2]) > OFF_EARTH * EARTH or pull[2] > 0.0:
+            self._note(f"gravity of {_text(pull)} m/s² in the file is read as downwards", "")
+        elif abs(size - EARTH) <= OFF_EARTH * EARTH:
+            return None
+        return size
 
     def _efforts(self) -> dict[str, float]:
         """Effort limit of each joint with an actuator [N·m or N], 0 if it has none."""

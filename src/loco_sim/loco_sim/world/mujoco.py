@@ -63,7 +63,7 @@ class World(world.World):
         return True
 
     def _load(self, height: float) -> None:
-        text = self._text()
+        text = self._urdf
         root = "" if self.robot.fixed_base else self.description.root_link()
         self._model_key = (
             text, dates(text), root, self.robot.feet, self.dt, tuple(self.pull),

@@ -167,6 +167,7 @@ class World(Setting, ABC):
     def __init__(self, robot: Robot, params: SimParams, dt: float):
         super().__init__(robot, params, dt)
         self.damped = False
+        self._heights: dict[tuple, float] = {}  # of bases on their feet, by URDF and pose
 
     def rebuild(
         self,
@@ -189,10 +190,14 @@ class World(Setting, ABC):
         self._clear()
         for function in configure:
             function(self)
-        self._load(0.0 if height is None else height)
+        self._urdf = self._text()
+        on_feet = self._heights.get((self._urdf, *q))
+        self._load((on_feet or 0.0) if height is None else height)
         self._place(q)
-        if height is None and self.robot.feet:
-            self._raise(self.base().position[2] - self._lowest_foot())
+        if height is None and self.robot.feet and on_feet is None:
+            on_feet = self.base().position[2] - self._lowest_foot()
+            self._heights[self._urdf, *q] = on_feet
+            self._raise(on_feet)
             self._place(q)
         if self.hinges:
             mass, _, _, hinge_rows = self._mass_matrix(q)

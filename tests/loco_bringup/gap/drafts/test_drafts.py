@@ -17,6 +17,7 @@ from loco_bringup.gap import importing
 from loco_bringup.gap.drafts import terminal
 from loco_bringup.gap.drafts.topics import READERS
 from loco_control.exceptions import LocoError
+from loco_learning.gap.drafting.joints import Joints
 from loco_sim.robot import robot as robots
 
 from ... import message_bag
@@ -110,7 +111,7 @@ def test_a_bag_of_controllers_is_drafted_by_the_search_itself(tmp_path, command)
 
 def test_a_trajectory_of_several_points_is_no_command(tmp_path):
     folder = bag(tmp_path / "a", joint_states=states, joint_trajectory=lambda t: trajectory(t, 2))
-    assert "# Missing: a command of pivot" in terminal.draft(folder, ("pivot",))
+    assert "# Missing: a command of pivot" in terminal.draft(folder, Joints(("pivot",)))
 
 
 def test_the_state_of_a_trajectory_controller_has_both():
@@ -131,7 +132,7 @@ def test_the_draft_of_a_table_reads_it(tmp_path, where):
     rows = [f"{a:.2f},{np.degrees(goal(a - 0.04)):.6f},{np.degrees(goal(a)):.6f}" for a in t]
     (tmp_path / "run.csv").write_text("t,pivot_pos,pivot_cmd\n" + "\n".join(rows) + "\n")
     path = tmp_path / "run.csv" if where == "file" else tmp_path
-    (tmp_path / "mapping.yaml").write_text(terminal.draft(path, ("pivot",)))
+    (tmp_path / "mapping.yaml").write_text(terminal.draft(path, Joints(("pivot",))))
     (record,) = importing.load(path, SERVO)
     assert record.signals["q"][:, 0] == pytest.approx(goal(record.t - 0.04), abs=1e-6)
 
@@ -139,9 +140,9 @@ def test_the_draft_of_a_table_reads_it(tmp_path, where):
 def test_what_is_no_recording_is_one_line(tmp_path):
     for path, words in ((tmp_path / "no", "no recording at"), (tmp_path, "is no recording")):
         with pytest.raises(LocoError, match=words):
-            terminal.draft(path, ())
+            terminal.draft(path, Joints())
     with pytest.raises(LocoError, match="no name says what is measured or commanded; it has /x"):
-        terminal.draft(bag(tmp_path / "a", x=lambda t: Float64MultiArray(data=[t])), ())
+        terminal.draft(bag(tmp_path / "a", x=lambda t: Float64MultiArray(data=[t])), Joints())
 
 
 def test_joints_of_a_second_publisher_on_a_topic_are_drafted(tmp_path):
@@ -152,14 +153,14 @@ def test_joints_of_a_second_publisher_on_a_topic_are_drafted(tmp_path):
         return message
 
     folder = bag(tmp_path / "a", joint_states=in_turn, joint_command=states)
-    text = terminal.draft(folder, ())
+    text = terminal.draft(folder, Joints())
     for joint in ("pivot", "finger", "wrist"):
         assert f'column: "position[{joint}]", role: q, joint: {joint}}}' in text
     assert "Also q" not in text
     with pytest.raises(
         LocoError, match="no joint of the robot .*elbow.* is named in: pivot, finger, wrist"
     ):
-        terminal.draft(folder, ("elbow",))
+        terminal.draft(folder, Joints(("elbow",)))
 
 
 def test_a_description_gives_the_joints_of_a_draft(tmp_path, capsys):

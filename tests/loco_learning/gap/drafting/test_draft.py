@@ -7,7 +7,10 @@ import numpy as np
 import pytest
 
 from loco_control.exceptions import ParameterError
-from loco_learning.gap.drafting import draft, words
+from loco_learning.gap.drafting import text as texts
+from loco_learning.gap.drafting import words
+from loco_learning.gap.drafting.draft import of_table
+from loco_learning.gap.drafting.joints import Joints
 from loco_learning.gap.importing import tables
 from loco_learning.gap.recordings import mapping
 
@@ -17,7 +20,7 @@ WAVE = 0.8 * np.sin(3.0 * T)
 
 def drafted(names, joints=(), time=T, wave=WAVE):
     columns = {name: (time if i == 0 else wave) for i, name in enumerate(names)}
-    text = draft.of_table(tables.Table(Path("a.csv"), columns), joints)
+    text = of_table(tables.Table(Path("a.csv"), columns), Joints(joints))
     return text, mapping.loads(text)
 
 
@@ -38,6 +41,7 @@ def drafted(names, joints=(), time=T, wave=WAVE):
         ("battery", "", ""),
         ("knee ist [mm]", "q", "knee"),
         ("knee actual [deg/s]", "dq", "knee"),
+        ("KneeLength(mm)", "q", "knee"),
         ("knee_meas_Nm", "tau", "knee"),
         ("knee soll [Nm]", "command_torque", "knee"),
         ("knee soll [mm]", "command_position", "knee"),
@@ -213,6 +217,20 @@ def test_without_a_time_the_rate_is_asked_for():
     assert not rules.time_rate and not rules.time
 
 
+@pytest.mark.parametrize(
+    ("speed", "endless", "unit"),
+    [
+        (10.0, {"wheel": 30.0}, ""),  # a wheel that turns far is in rad: it was read as degrees
+        (10.0, {}, "deg"),  # a joint with limits is not
+        (60.0, {"wheel": 30.0}, "deg"),  # nor one that would be too fast
+    ],
+)
+def test_a_wheel_that_turns_far_is_in_rad_if_it_can_be_as_fast(speed, endless, unit):
+    columns = {"t_ms": 1e3 * T, "wheel_pos": speed * T, "wheel_cmd": speed * T}
+    text = of_table(tables.Table(Path("a.csv"), columns), Joints(("wheel",), endless=endless))
+    assert {c.unit for c in mapping.loads(text).columns} == {unit}
+
+
 def test_units_are_told_by_name_or_size_and_said():
     text, rules = drafted(["t", "knee_pos_deg", "knee_cmd"], wave=60.0 * WAVE)
     assert [c.unit for c in rules.columns] == ["deg", "deg"]
@@ -245,9 +263,9 @@ def test_numbers_in_names_are_those_of_joints_or_their_order(joints, names, expe
         with pytest.raises(
             ParameterError, match=r"no joint of the robot \(hip, knee\) is named in: "
         ):
-            draft.of_table(table, joints)
+            of_table(table, Joints(joints))
         return
-    rules = mapping.loads(draft.of_table(table, joints))
+    rules = mapping.loads(of_table(table, Joints(joints)))
     assert [c.place for c in rules.columns] == 2 * expected
 
 
@@ -282,7 +300,7 @@ def test_columns_as_laboratories_name_them(kind):
     for template, values in zip(OF_LABS[kind], (Q, GOAL, DQ, TORQUE), strict=True):
         columns |= {template.format(i + 1): row for i, row in enumerate(values)}
     columns |= {f"motorCmd[{i + 1}].Kp": np.full(300, 60.0) for i in range(2)}
-    text = draft.of_table(tables.Table(Path("a.csv"), columns), ("hip", "knee"))
+    text = of_table(tables.Table(Path("a.csv"), columns), Joints(("hip", "knee")))
     roles = {(c.role, c.place): c.column for c in mapping.loads(text).columns}
     assert roles == {
         (role, joint): template.format(i + 1)
@@ -296,7 +314,7 @@ def test_columns_as_laboratories_name_them(kind):
 def test_a_name_with_two_meanings_has_that_of_its_values(name, other):
     for values, role in ((GOAL[0], "command_position"), (TORQUE[0], other), (DQ[0], other)):
         columns = {"t": T, "q": Q[0], name: values}
-        text = draft.of_table(tables.Table(Path("a.csv"), columns), ("knee",))
+        text = of_table(tables.Table(Path("a.csv"), columns), Joints(("knee",)))
         assert mapping.loads(text).columns[1].role == role
 
 
@@ -304,7 +322,7 @@ def test_the_torque_of_a_controller_is_no_torque_beside_that_of_a_drive():
     def roles(torque, measured=None, follows=()):
         columns = {"t": T, "q": Q[0], "q_ref": GOAL[0], "tau_ref": torque}
         columns |= {} if measured is None else {"tau": measured}
-        text = draft.of_table(tables.Table(Path("a.csv"), columns), ("knee",), follows)
+        text = of_table(tables.Table(Path("a.csv"), columns), Joints(("knee",), follows))
         return {c.column: c.role for c in mapping.loads(text).columns}, text
 
     inverse = np.sin(1.7 * T)  # such as the torque that inverse dynamics of the goal needs
@@ -353,7 +371,7 @@ def test_columns_that_are_alike_have_one_meaning_in_all_joints():
         for i in range(3):
             columns |= {f"q_{i}": Q[0], f"q_ref_{i}": GOAL[0]}
             columns[f"tau_ref_{i}"] = TORQUE[0] if i < totals else inverse
-        text = draft.of_table(tables.Table(Path("a.csv"), columns), ("hip", "knee", "ankle"))
+        text = of_table(tables.Table(Path("a.csv"), columns), Joints(("hip", "knee", "ankle")))
         roles = [c.role for c in mapping.loads(text).columns]
         assert roles.count("command_position") == (0 if totals > 1 else 3)
         assert roles.count("command_torque") == 3
@@ -369,7 +387,7 @@ def test_a_tool_beside_the_joints_is_none_of_them():
 
 def test_a_torque_of_nan_alone_moved_nothing():
     columns = {"t": T, "knee_pos": WAVE, "knee_torque": np.full(len(T), np.nan)}
-    text = draft.of_table(tables.Table(Path("a.csv"), columns), ("knee",))
+    text = of_table(tables.Table(Path("a.csv"), columns), Joints(("knee",)))
     assert [c.role for c in mapping.loads(text).columns] == ["q"]
     assert "# Missing: a command of knee; if nothing drove it: undriven: [knee]" in text
 
@@ -392,7 +410,7 @@ def test_a_column_that_rises_evenly_is_the_time_where_no_name_is_one():
 
 def test_where_a_command_is_missing_what_follows_the_position_is_told():
     columns = {"t": T, "q1": Q[0], "r1": GOAL[0], "x": np.cos(9.0 * T)}
-    text = draft.of_table(tables.Table(Path("a.csv"), columns), ("knee",))
+    text = of_table(tables.Table(Path("a.csv"), columns), Joints(("knee",)))
     assert "# Missing: a command of knee; r1 follows its position: is it one?" in text
 
 
@@ -414,7 +432,7 @@ def test_what_lacks_and_what_is_there_twice_is_said():
 def test_where_nothing_is_a_command_the_measured_torque_is_what_moved_the_joint():
     text, rules = drafted(["t", "knee_pos", "knee_torque"], ("knee",))
     assert [c.role for c in rules.columns] == ["q", "command_torque"]
-    assert draft.MOVED in text and "Missing" not in text
+    assert texts.MOVED in text and "Missing" not in text
     _, rules = drafted(["t", "knee_pos", "knee_torque", "knee_cmd"], ("knee",))
     assert [c.role for c in rules.columns] == ["q", "tau", "command_position"]
 
@@ -425,7 +443,7 @@ def test_where_nothing_is_a_command_the_measured_torque_is_what_moved_the_joint(
 def test_a_command_without_a_joint_is_of_the_only_one_that_is_driven(follows, place):
     columns = dict.fromkeys(("servo_goal", "hip_pos", "knee_pos"), WAVE)
     table = tables.Table(Path("a.csv"), {"t": T, **columns})
-    rules = mapping.loads(draft.of_table(table, ("hip", "knee"), follows))
+    rules = mapping.loads(of_table(table, Joints(("hip", "knee"), follows)))
     commands = [c.place for c in rules.columns if c.role == "command_position"]
     assert commands == place
 
@@ -434,7 +452,7 @@ def test_a_command_without_a_joint_is_of_the_only_one_that_is_driven(follows, pl
 def test_a_joint_without_a_drive_lacks_no_command(passive):
     columns = dict.fromkeys(("shoulder_pos", "elbow_pos", "elbow_cmd"), WAVE)
     table = tables.Table(Path("a.csv"), {"t": T, **columns})
-    text = draft.of_table(table, ("shoulder", "elbow"), ["elbow"], passive)
+    text = of_table(table, Joints(("shoulder", "elbow"), ["elbow"], passive))
     assert ("# Missing: a command of shoulder" in text) != bool(passive)
 
 
@@ -523,7 +541,7 @@ def test_texts_of_a_table_are_named():
     columns = {"t": T, "knee_pos": WAVE, "knee_cmd": WAVE}
     texts = {"mode": "it is 'idle'"}
     table = tables.Table(Path("a.csv"), columns, texts=texts, cell_texts={"knee_pos": cells})
-    text = draft.of_table(table, ("knee",))
+    text = of_table(table, Joints(("knee",)))
     assert "# Not used: mode" in text and "“--” in 2 rows: no reading?" in text
     assert mapping.loads(text).columns[0].missing_texts == ("--",)
 
@@ -532,14 +550,14 @@ def test_a_time_by_its_content_is_in_seconds_and_one_that_rises_is_preferred():
     columns = {"time_ms": T, "t": np.floor(T), "knee_pos": WAVE}
     for clocks, name in (((), "time_ms"), (("time_ms",), "time_ms"), (("t",), "time_ms")):
         table = tables.Table(Path("a.csv"), columns, clocks=clocks)
-        rules = mapping.loads(draft.of_table(table, ()))
+        rules = mapping.loads(of_table(table, Joints(())))
         assert (rules.time, rules.time_unit) == (name, 1.0 if name in clocks else 1e-3)
 
 
 def of(folder, text, joints):
     path = folder / "a.csv"
     path.write_text(text)
-    return mapping.loads(draft.of_table(tables.read(path), joints))
+    return mapping.loads(of_table(tables.read(path), Joints(joints)))
 
 
 @pytest.mark.parametrize("peak", [900.0, 4000.0])

@@ -65,12 +65,20 @@ def test_the_whole_range_of_a_hypothesis_is_possible_however_far_a_joint_went(na
 def test_every_applicable_effect_is_offered_or_listed_as_not_tried_with_the_reason(name):
     made, hypotheses = all_of(name)
     offered = {h.effect for h in hypotheses}
-    left = dict(omitted(made, hypotheses))
+    left = dict(omitted(made, hypotheses, SIGNALS))
     assert not offered & set(left)
     assert offered | set(left) == set(effects.applicable(made))
     assert all(left.values())
     said = {n for n in effects.applicable(made) if effects.EFFECTS[n].identity.untried}
     assert set(left) == said  # what was measured here says something of all others
+
+
+def test_effects_of_readings_are_not_tried_along_the_measured_motion_and_that_is_the_reason():
+    left = dict(omitted(robot.load("linear_axis"), (), ("tau",)))
+    assert {"changes readings" in left[name] for name in ("sensor_gain", "sensor_latency")} == {
+        True
+    }
+    assert "no place, time or signal" in left["push"]
 
 
 @pytest.mark.parametrize(("height", "base"), [(0.0, 0.0), (1.3, 1.3), (None, 0.5)])
@@ -101,7 +109,7 @@ def test_a_cable_is_tried_however_fast_the_physics():
     made = robot.load("linear_axis", {"sim.physics_rate": 20_000.0})
     offered = offer(made, SIGNALS, Motion(np.zeros(1), np.ones(1)))
     assert "cable_force" in {h.effect for h in offered}
-    left = dict(omitted(made, offered))
+    left = dict(omitted(made, offered, SIGNALS))
     assert "no place, time or signal" in left["push"]  # no time at which the residual is loud
 
 

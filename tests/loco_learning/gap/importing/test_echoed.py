@@ -5,7 +5,8 @@ import numpy as np
 import pytest
 
 from loco_control.exceptions import ParameterError
-from loco_learning.gap.drafting import draft
+from loco_learning.gap.drafting.draft import of_table
+from loco_learning.gap.drafting.joints import Joints
 from loco_learning.gap.importing import echoed, tables
 from loco_learning.gap.recordings import mapping
 
@@ -64,7 +65,7 @@ def test_all_texts_of_joint_states_are_positions_of_the_joints_that_they_name(tm
     path = tmp_path / "states.txt"
     path.write_bytes(KINDS[kind].encode())
     table = tables.read(path)
-    rules = mapping.loads(draft.of_table(table, JOINTS[::-1]))
+    rules = mapping.loads(of_table(table, Joints(JOINTS[::-1])))
     found = {(c.role, c.place): table.columns[c.column][:9] for c in rules.columns}
     for i, joint in enumerate(JOINTS):
         assert np.array_equal(found["q", joint], Q[:, i])

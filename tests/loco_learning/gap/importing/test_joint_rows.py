@@ -4,7 +4,8 @@
 import numpy as np
 import pytest
 
-from loco_learning.gap.drafting import draft
+from loco_learning.gap.drafting.draft import of_table
+from loco_learning.gap.drafting.joints import Joints
 from loco_learning.gap.importing import importing, tables
 from loco_learning.gap.recordings import mapping
 from loco_sim.plant.model import load_any
@@ -33,7 +34,7 @@ def written(folder, name, ids, apart=0.0, order=lambda rows: rows):
 def test_each_joint_has_its_readings(tmp_path, name, ids, apart):
     path = written(tmp_path, name, ids, apart)
     table = tables.read(path)
-    rules = mapping.loads(draft.of_table(table, J))
+    rules = mapping.loads(of_table(table, Joints(J)))
     assert {(c.role, c.place) for c in rules.columns} == {
         (role, joint) for role in ("q", "command_position") for joint in J
     }

@@ -20,6 +20,7 @@ from loco_learning.gap.recordings.tracks import Track
 from loco_learning.gap.setup.bench import busiest
 from loco_learning.jobs import pool
 from loco_sim.bolted import kernels
+from loco_sim.robot import robot
 
 SHOWS = 0.75
 
@@ -269,3 +270,11 @@ def test_the_excerpt_of_a_slow_log_is_where_it_moves(every):
     record = SimpleNamespace(t=t, dt=0.005, signals={"q": q}, rows=lambda a, b: (t[a], t[b - 1]))
     first, last = busiest(record, 2.0)
     assert first > 5.9 and last - first == pytest.approx(2.0)
+
+
+def test_a_search_on_the_ground_is_faster_in_mujoco_and_the_user_is_told(monkeypatch):
+    monkeypatch.setattr(check, "installed", lambda: ("pybullet", "mujoco"))
+    walker, bolted = robot.load("hyq"), robot.load("pendulum")
+    in_engine = [replace(one, sim=replace(one.sim, engine=engine))
+                 for one in (walker, bolted) for engine in ("pybullet", "mujoco")]  # fmt: skip
+    assert [bool(check.engine_notes(one)) for one in in_engine] == [True, False, False, False]

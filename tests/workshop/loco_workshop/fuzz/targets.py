@@ -135,10 +135,11 @@ def _mapping(data: bytes, folder: Path) -> None:
 
 
 def _csv(data: bytes, folder: Path) -> None:
-    from loco_learning.gap.drafting import draft
+    from loco_learning.gap.drafting.draft import of_table
+    from loco_learning.gap.drafting.joints import Joints
     from loco_learning.gap.importing import tables
 
-    draft.of_table(tables.read(_file(data, folder, "t.csv")), ("hip", "knee"))
+    of_table(tables.read(_file(data, folder, "t.csv")), Joints(("hip", "knee")))
 
 
 def _json(data: bytes, folder: Path) -> None:

@@ -58,13 +58,22 @@ def mutants(source: str) -> list[Mutant]:
     """
     tree = ast.parse(source)
     _mark(tree)
-    result = [
-        mutant
-        for node in ast.walk(tree)
-        if not getattr(node, "skipped", False)
-        for mutant in _of(node, tree)
-        if mutant.before != mutant.after
-    ]
+    result = [*_of(tree, tree)]
+    plain, at = ast.unparse(tree), 0
+    for statement in tree.body:  # only the statement that is changed is written anew
+        if isinstance(statement, ast.Expr) and isinstance(statement.value, ast.Constant):
+            continue  # a docstring, which is written otherwise in its module
+        text = ast.unparse(statement)
+        at = plain.index(text, at)
+        before, after = plain[:at], plain[at + len(text) :]
+        at += len(text)
+        result += [
+            replace(mutant, text=f"{before}{mutant.text}{after}")
+            for node in ast.walk(statement)
+            if not getattr(node, "skipped", False)
+            for mutant in _of(node, statement)
+            if mutant.before != mutant.after
+        ]
     result.sort(key=lambda mutant: (mutant.line, mutant.before, mutant.after))
     counts: Counter[str] = Counter()
     for i, mutant in enumerate(result):
@@ -120,8 +129,11 @@ def _logs(statement: ast.Expr) -> bool:
     return ast.unparse(statement).startswith("log.")
 
 
-def _of(node: ast.AST, tree: ast.Module) -> Iterator[Mutant]:
-    """Mutants of one node, which is changed, unparsed with its module, and restored."""
+def _of(node: ast.AST, tree: ast.Module | ast.stmt) -> Iterator[Mutant]:
+    """Mutants of one node, which is changed, unparsed with its tree, and restored.
+
+    Their text is that of the tree.
+    """
     if isinstance(node, ast.Compare):
         for i, op in enumerate(node.ops):
             if type(op) in _SWAPS:
@@ -146,7 +158,7 @@ def _of(node: ast.AST, tree: ast.Module) -> Iterator[Mutant]:
                 yield _changed(child, tree, block, i, ast.Pass())
 
 
-def _changed(shown: ast.AST, tree: ast.Module, place: object, key: object, new: object) -> Mutant:
+def _changed(shown: ast.AST, tree: ast.AST, place: object, key: object, new: object) -> Mutant:
     before = ast.unparse(shown)
     listed = isinstance(place, list)
     old = place[key] if listed else getattr(place, key)

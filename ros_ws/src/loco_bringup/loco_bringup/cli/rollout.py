@@ -8,13 +8,16 @@ from collections.abc import Callable
 
 from loco_control.exceptions import ParameterError
 from loco_learning.runs.experiment import Experiment, load
+from loco_sim import lazy
 
 from ..bag.writer import Limits
-from ..logs.rollout_bag import run_rollout
 from ..outcome import Outcome, Progress, default_folder, duration_of
 from ..settings import overrides
 from ..terminal import bar, console
 from .table import call
+
+# Loads numba when it is used: the supervisor of a graph imports this module, too, and needs none.
+_bag = lazy.module("loco_bringup.logs.rollout_bag")
 
 
 def run(a: argparse.Namespace) -> int:
@@ -29,7 +32,7 @@ def run(a: argparse.Namespace) -> int:
             raise ParameterError(f"layout rollout has no nodes, so no --{name}; take composed")
     folder = a.out or default_folder(experiment)
     limits = Limits(a.max_bag_size, a.max_bag_duration)
-    outcome = show_run(experiment, lambda report: run_rollout(experiment, folder, report, limits))
+    outcome = show_run(experiment, lambda tell: _bag.run_rollout(experiment, folder, tell, limits))
     return finish(outcome, a.report, a.view)
 
 
@@ -58,12 +61,9 @@ def show_run(
         outcome = start(show)
     state = "interrupted" if outcome.interrupted else "fell" if outcome.fallen else "done"
     console.print(f"{experiment.name}: {state}, {outcome.text}")
-    console.print(
-        f"  {outcome.real_time_factor:.1f} x real time, {outcome.dropped} messages dropped"
-    )
-    for line in _punctual(outcome):
+    speed = f"{outcome.real_time_factor:.1f} x real time, {outcome.dropped} messages dropped"
+    for line in (speed, *_punctual(outcome), f"bag: {outcome.folder}"):
         console.print(f"  {line}")
-    console.print(f"  bag: {outcome.folder}")
     return outcome
 
 

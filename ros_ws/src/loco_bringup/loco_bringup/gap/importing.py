@@ -45,7 +45,8 @@ from .fields import FieldSource
 
 _new_robot = lazy.module("loco_bringup.robot.terminal")
 _HOLDING_KEYS = ("fixed_base", "height")  # keys of an experiment about how the robot was held
-MOVES = 0.05  # travel of a joint over the largest one, from which on it moves (taste)
+# Travel of a joint over the largest one, or over 1 rad beside a wheel, from which on it moves (taste).
+MOVES = 0.05
 # Drafts of a robot and of a mapping in a folder of results.
 DRAFTS = ROBOT, MAPPING = "drafts/robot/robot.yaml", f"drafts/{mapping.FILE}"
 
@@ -95,10 +96,9 @@ def _drafted(
     if not mapping_file and all(_is_undescribed(Path(path)) for path in bags):
         mapping_file = str(folder / MAPPING)
         if not Path(mapping_file).exists():
-            joints, follows, passive = joints_of(models.load_any(robot).make_robot())
-            passive = _without_effort(source) if is_drafted else passive
-            text = draft(bags[0], joints, follows, passive)
-            write_whole(Path(mapping_file), text)
+            joints = joints_of(models.load_any(robot).make_robot())
+            joints = replace(joints, passive=_without_effort(source)) if is_drafted else joints
+            write_whole(Path(mapping_file), draft(bags[0], joints))
         what = "; ".join(
             f"{c.column} is {c.role} of {c.place}" + f" [{c.unit}]" * bool(c.unit)
             for c in mapping.load(mapping_file).columns
@@ -108,7 +108,7 @@ def _drafted(
     if rules:
         text = _fitting(draft_file.read_text(encoding="utf-8"), rules, robot)
         write_whole(draft_file, text)
-        _leave_passive(draft_file, rules, Path(bags[0]))
+        _leave_passive(draft_file, rules, bags)
     if is_drafted:
         description = draft_file.with_name(f"{stem(source)}.urdf")
         notes = [*map(Doubt, Tidied(description).suspects), *notes]  # they explain all that follows
@@ -163,10 +163,11 @@ def _without_effort(source: Path) -> list[str]:
     return [joint for joint in efforts if joint not in limited] if limited else []
 
 
-def _leave_passive(draft_file: Path, rules: Mapping, bag: Path) -> None:
-    """Leave out guessed drives of joints that move in a recording without any command of them.
+def _leave_passive(draft_file: Path, rules: Mapping, bags: Sequence[str]) -> None:
+    """Leave out guessed drives of joints that move in recordings without any command of them.
 
-    If one does not move it keeps its drive: the recording is then refused, with what is missing.
+    If one moves in none, all keep their drives: the recordings are then refused, with what is
+    missing.
     """
     robot = models.load_any(str(draft_file.parent)).make_robot()
     commanded = {c.place for c in rules.columns if c.role.startswith("command_")}
@@ -180,10 +181,12 @@ def _leave_passive(draft_file: Path, rules: Mapping, bag: Path) -> None:
     text += f"# no drive, as they move without a command: {', '.join(passive)}\n"
     write_whole(draft_file, text)
     robot = models.load_any(str(draft_file.parent)).make_robot()
-    q = load(bag, robot, rules.path, judge=False)[0].joints_of(robot, "q")
-    travel = np.nanmax(q, axis=0) - np.nanmin(q, axis=0)
-    of_joint = dict(zip(robot.joints, travel / np.nanmax(travel), strict=True))
-    if min(of_joint[joint] for joint in passive) < MOVES:
+    travel = np.zeros(len(robot.joints))
+    for bag in bags:
+        with contextlib.suppress(LocoError):  # it is refused with the reason when it is read
+            q = load(Path(bag), robot, rules.path, judge=False)[0].joints_of(robot, "q")
+            travel = np.fmax(travel, np.nanmax(q, axis=0) - np.nanmin(q, axis=0))
+    if min(travel[robot.joints.index(joint)] for joint in passive) < MOVES * min(travel.max(), 1.0):
         write_whole(draft_file, drafted)
 
 

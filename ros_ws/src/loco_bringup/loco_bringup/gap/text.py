@@ -59,9 +59,18 @@ def sizes_of(term: Mapping[str, Any]) -> list[tuple[str, str, str]]:
     out = []
     for name, p in (term.get("parameters") or {}).items():
         unit = "" if p.get("unit") in (None, "", "-") else f" {p['unit']}"
-        interval = f"{number(p.get('low'))} to {number(p.get('high'))}"
-        out.append((words(name), f"{number(p.get('value'))}{unit}", interval))
+        out.append((words(name), f"{number(p.get('value'))}{unit}", _interval(p)))
     return out
+
+
+def _interval(parameter: Mapping[str, Any]) -> str:
+    """Bounds of a parameter; the data may give one side, or none."""
+    low, high = (number(parameter.get(side)) for side in ("low", "high"))
+    if low == high == "–":
+        return "not determined"
+    if "–" in (low, high):
+        return f"at most {high}" if low == "–" else f"at least {low}"
+    return f"{low} to {high}"
 
 
 def sizes(term: Mapping[str, Any]) -> list[str]:

@@ -12,7 +12,8 @@ import numpy as np
 
 from loco_control.exceptions import BagError, MissingFileError, ParameterError
 from loco_control.reading import understood
-from loco_learning.gap.drafting.draft import ALSO, MOVED
+from loco_learning.gap.drafting.joints import Joints
+from loco_learning.gap.drafting.text import ALSO, MOVED
 from loco_learning.gap.importing import importing, tables
 from loco_learning.gap.recordings import mapping
 from loco_learning.gap.recordings.clocks import cuts, series
@@ -141,7 +142,7 @@ def _drafted(
     if bag:
         names = _joints(bag)
         joints = names if len(names) == 1 else ()
-    draft_text = draft(path, joints)
+    draft_text = draft(path, Joints(joints))
     rules = mapping.loads(draft_text, mapping.FILE)
     if MOVED in draft_text:
         measured = [replace(c, role="tau") if c.role == "command_torque" else c

@@ -32,6 +32,7 @@ MEASURES = (
     chapter7,
     chapter8,
 )  # imported since these modules register their functions
+NOT_TIMED = "not timed; the command tells its progress"
 BAG, GAITS = "bags/surrogate_sine", ("bags/surrogate_bound", "bags/surrogate_walk")
 
 
@@ -90,7 +91,7 @@ def _run(entry: Entry, folder: Path, workers: int, scheduler: str, only_cost: bo
         if not only_cost:
             write(loaded, results, folder)
     elif only_cost:
-        console.print(f"{entry.name}: not timed; its own command tells its progress")
+        console.print(f"{entry.name}: {NOT_TIMED}")
     elif entry.physics == "msd":
         _run_msd(entry, folder, workers, scheduler)
     else:
@@ -140,7 +141,7 @@ def reproduce_msd(
     folder = folder or Path("results") / f"msd_{preset}_{plan}"
     if only_cost:
         to_go, every = msd_jobs.remaining(plan, preset, folder / "runs")
-        console.print(f"{to_go} of {every} runs to go, not timed; the command tells its progress")
+        console.print(f"{to_go} of {every} runs to go, {NOT_TIMED}")
         return 0
     check_writable(folder)
     entry = Entry("msd", options={"plan": plan, "preset": preset})

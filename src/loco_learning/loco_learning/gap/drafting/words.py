@@ -33,7 +33,7 @@ MEASURED = frozenset(
 )
 QUANTITIES = {
     "position": "pos position positions angle angles q qpos encoder enc winkel weg "
-    "theta phi alpha beta gamma psi",
+    "theta phi alpha beta gamma psi length stroke",
     "velocity": "vel velo velocity velocities dq qd qdot qvel thetadot dtheta speed speeds omega "
     "drehzahl geschwindigkeit geschw",
     "torque": "tau torque torques effort efforts trq tq force forces load moment moments kraft "
@@ -43,20 +43,18 @@ QUANTITIES = {
 LETTER_OF = {"p": "position", "v": "velocity"}  # in small letters, as in knee.p and knee.v_des
 ROLES = {"position": "q", "velocity": "dq", "torque": "tau", "current": "tau"}
 UNITS = {
-    "deg": "deg", "degree": "deg", "degrees": "deg", "rad": "rad", "radian": "rad", "mm": "mm",
-    "rpm": "rpm", "dps": "deg/s", "nm": "N m", "mnm": "mN m", "ma": "mA", "amp": "A", "rads": "rad",
-    "degps": "deg/s", "radps": "rad/s", "rps": "rev/s", "rev": "rev", "revs": "rev", "turns": "rev",
-}  # fmt: skip
+    token: units.unit(token)
+    for token in "deg degree degrees rad radian rads rev revs turns mm rpm rps dps degps radps nm "
+    "mnm ma amp".split()
+}
 # Units that are of one quantity alone, also where no word says that a column is measured.
 TELLING = frozenset("rpm dps degps radps rps nm mnm".split())
 IN_BRACKETS = {"turn": "rev", "turn/s": "rev/s"}  # units there, and words elsewhere
-TIMES = {
-    "t": "", "ts": "", "time": "", "zeit": "", "timestamp": "", "stamp": "", "times": "",
-    "clock": "", "tick": "", "tout": "",
-    "s": "s", "sec": "s", "secs": "s", "seconds": "s",
-    "ms": "ms", "us": "us", "ns": "ns", "nsec": "ns", "msec": "ms", "usec": "us",
-    "millis": "ms", "millisec": "ms", "milliseconds": "ms", "micros": "us", "microseconds": "us",
-}  # fmt: skip
+TIMES = dict.fromkeys("t ts time zeit timestamp stamp times clock tick tout".split(), "") | {
+    token: units.unit(token)
+    for token in "s sec secs seconds ms us ns nsec msec usec millis millisec milliseconds micros "
+    "microseconds".split()
+}
 COUNTERS = frozenset("row rows sample samples index idx i n seq count counter step frame".split())
 NOISE = frozenset(
     "j joint joints topic field data value values dof motor axis achse header robot the of".split()

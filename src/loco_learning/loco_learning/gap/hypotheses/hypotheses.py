@@ -15,9 +15,11 @@ from loco_sim import effects
 from loco_sim.effects import EFFECTS
 from loco_sim.effects.coordinates import Coordinate, assemble
 from loco_sim.effects.offers import Motion
+from loco_sim.effects.readings import Measuring
 from loco_sim.robot.robot import Robot
 
 NOTHING_TO_TRY = "these recordings give it no place, time or signal to act on"
+READINGS = "it changes readings, and torques along the motion as it was read are compared"
 
 
 @dataclass(frozen=True)
@@ -114,8 +116,8 @@ def separable(
     """
     twin_names = {twin: h.effect for h in hypotheses for twin in EFFECTS[h.effect].identity.twins}
     rest = [h for h in hypotheses if h.effect not in twin_names or h.variant]
-    left = {h.effect for h in hypotheses} - {h.effect for h in rest}
-    return rest, [(name, f"no recording tells it from {twin_names[name]}") for name in sorted(left)]
+    excluded = {h.effect for h in hypotheses} - {h.effect for h in rest}
+    return rest, [(name, f"no recording tells it from {twin_names[name]}") for name in sorted(excluded)]
 
 
 def offer(robot: Robot, signals: Sequence[str], motion: Motion) -> list[Hypothesis]:
@@ -134,11 +136,19 @@ def offer(robot: Robot, signals: Sequence[str], motion: Motion) -> list[Hypothes
     ]
 
 
-def omitted(robot: Robot, hypotheses: Sequence[Hypothesis]) -> list[tuple[str, str]]:
-    """Effects that apply to a robot but that no hypothesis contains, each with the reason."""
+def omitted(
+    robot: Robot, hypotheses: Sequence[Hypothesis], signals: Sequence[str]
+) -> list[tuple[str, str]]:
+    """Effects that apply to a robot but that no hypothesis contains, each with the reason.
+
+    Args:
+        robot: Robot of the model.
+        hypotheses: Hypotheses that are tried.
+        signals: Compared signals, e.g. ("q", "dq", "gyro").
+    """
     present = {h.effect for h in hypotheses}
-    return [
-        (name, EFFECTS[name].identity.untried or NOTHING_TO_TRY)
-        for name in effects.applicable(robot)
-        if name not in present
-    ]
+    names = [name for name in effects.applicable(robot) if name not in present]
+    read = (
+        {} if "q" in signals else {n: READINGS for n in names if issubclass(EFFECTS[n], Measuring)}
+    )
+    return [(n, EFFECTS[n].identity.untried or read.get(n, NOTHING_TO_TRY)) for n in names]

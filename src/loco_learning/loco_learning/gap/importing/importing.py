@@ -138,12 +138,10 @@ def records(
     rules = [rule for rule in mapping.records if fits(rule, file, source.header)]
     result: list[Record] = []
     for i, rule in enumerate(rules):
-        read = tracks.undriven(
-            tracks.from_source(source, mapping, rule, robot), mapping.undriven, robot
-        )
+        read = tracks.from_source(source, mapping, rule, robot)
         first, *later = align.records(
             title(rule, source, i, len(rules)),
-            tracks.locked(read, mapping.locked, robot),
+            [*read, *tracks.without_columns(read, mapping, robot)],
             robot,
             rate=mapping.rate,
             role=rule.role,

@@ -520,8 +520,7 @@ def _robot(model: Model, record: Record, overrides: Mapping[str, Any], step: flo
     period = running.period(record)
     rate = running.steps_in(period, sim.physics_rate) / (period * step)
     limit = sim.damping_limit * step  # so that substeps are divided as well
-    # The same damping scheme for all effects, so that models differ by their effects only.
-    sim = sim.replace(physics_rate=rate, damping_limit=limit, implicit_damping=False)
+    sim = sim.replace(physics_rate=rate, damping_limit=limit)
     return replace(robot, sim=sim, motor_torque=not record.joint_torque)
 
 

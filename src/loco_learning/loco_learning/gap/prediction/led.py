@@ -189,6 +189,19 @@ class InverseDynamics(Forward):
         self._gains = np.maximum(inertia, 1e-9 * np.max(inertia))
         params = (params or ForwardParams()).replace(signals=("tau",))
         super().__init__(model, prescribed, params, loaded)
+        self._commands = [self._leading(index) for index in range(len(prescribed))]
+
+    def _leading(self, index: int) -> running.CommandSequence:
+        """Commands ahead of a motion by the error with which the given model tracks it.
+
+        Without them the torque is that of a motion which falls short of fast ones: by (w/n)² of it
+        at a frequency w, with n the bandwidth of the tracking drive.
+        """
+        inputs, robot = self._commands[index], self._robot(index, {}, 1.0)
+        readings = self._tracked(index, robot, from_list(self.model.effects))
+        n = len(robot.joints)
+        q, dq = (2.0 * inputs.q - readings[:, :n], 2.0 * inputs.dq - readings[:, n:])
+        return inputs._replace(q=q, dq=dq) if np.isfinite(q + dq).all() else inputs
 
     @cached_property
     def _joints(self) -> tuple[Channel, ...]:
@@ -236,12 +249,8 @@ class InverseDynamics(Forward):
         robot = self._robot(index, overrides, step)
         effects = from_list([*self.model.effects, *effects])
         late = [effect for effect in effects if _is_late(type(effect))]
-        effects = [effect for effect in effects if not _is_late(type(effect))]
-        inputs, record = self._commands[index], self.records[index]
-        starts = [running.Start(0, len(record.t), inputs.q[0], inputs.dq[0])]
-        dt = running.period(record)
-        readings = running.run(robot, effects, inputs, starts, dt, self._joints)
-        n = len(robot.joints)
+        inputs, dt = self._commands[index], running.period(self.records[index])
+        readings, n = self._tracked(index, robot, effects), len(robot.joints)
         servos = [robot.drives[joint] for joint in robot.joints]
         torque = np.array([d.kp for d in servos]) * (_received(inputs.q) - readings[:, :n])
         torque += np.array([d.kd for d in servos]) * (_received(inputs.dq) - readings[:, n:])
@@ -251,6 +260,16 @@ class InverseDynamics(Forward):
         bias, gain = _motor_lines(own)
         mean = (torque - bias) / gain
         return mean[:, [robot.joints.index(c.name) for c in self.channels]]
+
+    def _tracked(self, index: int, robot: Robot, effects: Sequence[Effect]) -> np.ndarray:
+        """Positions, then velocities of the tracking robot in a record, (T, 2n).
+
+        Effects that delay the torque are left out.
+        """
+        effects = [effect for effect in effects if not _is_late(type(effect))]
+        inputs, record = self._commands[index], self.records[index]
+        starts = [running.Start(0, len(record.t), inputs.q[0], inputs.dq[0])]
+        return running.run(robot, effects, inputs, starts, running.period(record), self._joints)
 
 
 def _motor_lines(robot: Robot) -> tuple[np.ndarray, np.ndarray]:

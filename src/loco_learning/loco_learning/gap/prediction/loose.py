@@ -468,9 +468,9 @@ def _about(
 
     def add(of: Any, values: Mapping[str, float], step: float, moved: Sequence[bool]) -> None:
         runs = of.bare(specs, values, coarse=True)
-        for found, new, old, is_moved in zip(responses, runs, ref, moved, strict=True):
+        for of_record, new, old, is_moved in zip(responses, runs, ref, moved, strict=True):
             if is_moved:
-                found.append(Response.of(np.nan_to_num(new - old) / step))
+                of_record.append(Response.of(np.nan_to_num(new - old) / step))
 
     for k in range(len(loose.at)):
         at = loose.at.copy()
@@ -484,8 +484,8 @@ def _about(
         add(other, loose.values(loose.at), part, [k < len(s) for s in starts])
     # Of drives that round their encoders, these times are in `floors.limit_cycle_errors`.
     if math.isfinite(loose.most) and not case.ground and not case.rounds:
-        for found, changes in zip(responses, _timed(case, specs, loose), strict=True):
-            found += map(Response.of, np.moveaxis(changes, -1, 0))
+        for of_record, changes in zip(responses, _timed(case, specs, loose), strict=True):
+            of_record += map(Response.of, np.moveaxis(changes, -1, 0))
     columns = [Columns.of(r.shape, responses[i]) for i, r in enumerate(ref)]
     return replace(loose, columns=tuple(columns), grams={})
 

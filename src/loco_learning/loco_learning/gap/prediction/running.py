@@ -56,8 +56,14 @@ def step(robot: Robot, dt: float) -> float:
     """Physics step of a simulation [s], including its substeps for damping."""
     if not needs_engine(robot, []):
         return Bolted(robot, [], 0, dt).physics_dt
-    with Simulation(None, (), 0, dt, robot) as sim:
+    with _engine(robot, (), dt) as sim:
         return sim.physics_dt
+
+
+def _engine(robot: Robot, effects: Sequence[Effect], dt: float) -> Simulation:
+    """Simulation with the same damping scheme for all effects, so that models differ by these."""
+    sim = robot.sim.replace(implicit_damping=False)
+    return Simulation(None, effects, 0, dt, replace(robot, sim=sim))
 
 
 def sequence(record: Record, robot: Robot) -> CommandSequence:
@@ -307,7 +313,7 @@ def _with_engine(
 ) -> np.ndarray:
     rows = len(inputs.q)
     out = np.full((rows, len(channels)), np.nan)
-    with Simulation(None, effects, 0, dt, robot) as sim:
+    with _engine(robot, effects, dt) as sim:
         for start in starts or (Start(0, rows, robot.standing, None),):
             track = Track(robot, channels)
             if start.dq is None:

@@ -17,6 +17,7 @@ import numpy as np
 from loco_control.params import Params, parameter
 from loco_sim.bolted.loop import needs_engine
 from loco_sim.effects.places import chains
+from loco_sim.engines import installed
 from loco_sim.plant.model import Model
 from loco_sim.robot.description import Description
 from loco_sim.robot.robot import Robot
@@ -155,8 +156,9 @@ def inspect(
             for c, floor in zip(case.forward.channels, case.floor, strict=True)
         ],
         effects=[_row(one, robot) for one in results],
-        not_tried=[{"effect": e, "reason": note} for e, note in omitted(robot, offers) + rest],
-        notes=[*untested(robots), *_scope_notes(records, parts)],
+        not_tried=[{"effect": name, "reason": note}
+                   for name, note in omitted(robot, offers, case.signals) + rest],
+        notes=[*untested(robots), *_scope_notes(records, parts), *engine_notes(robot)],
         search_seconds=[float(f"{s / max(1, workers):.2g}") for s in times],
     )  # fmt: skip
 
@@ -283,6 +285,13 @@ def untested(robots: Sequence[Robot]) -> list[str]:
     if len(reasons) < len(robots) or not all(reasons):
         return []
     return [f"axes, weight, masses and gains of the set-up were not tested: {reasons[0]}"]
+
+
+def engine_notes(robot: Robot) -> list[str]:
+    """A sentence on the faster engine for a robot that needs one; none if that is used."""
+    slow = robot.sim.engine == "pybullet" and "mujoco" in installed() and needs_engine(robot)
+    text = "PyBullet's steps go through Python: with --engine mujoco a search is much faster"
+    return [text] if slow else []
 
 
 def _scope_notes(records: Sequence[Record], parts: Sequence[Record]) -> list[str]:

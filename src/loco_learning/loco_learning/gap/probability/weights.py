@@ -50,6 +50,11 @@ class Criterion(Params):
         3.0, "rms of the loudest channel [floors] on all records up to which a gap that something "
         "too small to matter explains is none", low=1.0
     )  # fmt: skip
+    # Battery: models without a gap whose masses are off leave up to 1.42, and 1.34 elsewhere.
+    unexplained: float = parameter(
+        1.5, "rms of the loudest channel [floors] on all records up to which a gap that no effect "
+        "explains is none", low=1.0
+    )  # fmt: skip
 
 
 CRITERION = Criterion()

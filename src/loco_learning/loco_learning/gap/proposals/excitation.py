@@ -91,13 +91,13 @@ def _motion(make: Maker) -> Maker:
     return make
 
 
-def _sweep(j: Joints, size: float, first: float, upper: float, length: float) -> dict[str, Any]:
-    """Chirp whose highest frequency respects the velocity limit of the joints."""
+def _sweep(j: Joints, size: float, first: float, upper: float) -> dict[str, Any]:
+    """Chirp of 6.5 s whose highest frequency respects the velocity limit of the joints."""
     amplitude = size * j.room
     limit = float(np.min(j.speed / (2.0 * math.pi * np.maximum(amplitude, 1e-9))))
     last = max(first, min(upper, limit))
     return _target(
-        j, kind="chirp", amplitude=amplitude, frequency=first, end_frequency=last, sweep=length
+        j, kind="chirp", amplitude=amplitude, frequency=first, end_frequency=last, sweep=6.5
     )
 
 
@@ -120,13 +120,13 @@ def _rise(j: Joints, travel: np.ndarray, min_time: float) -> float:
 @_motion
 def chirp_small(j: Joints) -> tuple[float, dict]:
     """A small chirp: shows lags, elasticity and noise, apart from friction."""
-    return 7.0, _sweep(j, 0.15, 0.3, FASTEST, 6.5)
+    return 7.0, _sweep(j, 0.15, 0.3, FASTEST)
 
 
 @_motion
 def chirp_large(j: Joints) -> tuple[float, dict]:
     """A large chirp: shows effects that grow with velocity and angle."""
-    return 7.0, _sweep(j, 0.9, 0.2, 3.0, 6.5)
+    return 7.0, _sweep(j, 0.9, 0.2, 3.0)
 
 
 @_motion
@@ -148,7 +148,7 @@ def steps(j: Joints) -> tuple[float, dict]:
 @_motion
 def preload(j: Joints) -> tuple[float, dict]:
     """A small chirp on a constant load: closes play, shows cubic and hysteretic springs."""
-    target = _sweep(j, 0.12, 0.3, 5.0, 6.5)
+    target = _sweep(j, 0.12, 0.3, 5.0)
     return 7.5, {**target, "bias": _rounded(0.6 * j.room), "ramp": 1.0}
 
 

@@ -223,7 +223,7 @@ def within_limits(experiment: Experiment) -> Experiment:
     reason = ""
     for _ in range(TRIES):
         try:
-            reason = limit_violation(rollout(experiment))
+            reason = limit_violation(_bolted(experiment) or rollout(experiment))
         except DivergedError as error:
             reason = str(error)
         if not reason:

@@ -24,6 +24,11 @@ COUPLED = ("q", "command_position", "dq", "command_velocity")  # roles that foll
 INPUTS = ("supply", "enable", "stance")  # inputs of the robot other than commands
 
 FINEST = 1e-5  # share of a signal's range below which steps are rounding
+UNFIT_DRIVES = {  # of joints without columns, by the key of the mapping that lists them
+    "locked": "for torques, which cannot hold it; if it never moves, lock it in robot.yaml "
+    "instead: locked: {{{0}: {1:g}}}",
+    "undriven": "that holds positions; say in robot.yaml: drives: {{{0}: {{kind: torque}}}}",
+}
 BITS = {"unsigned8": 8, "unsigned16": 16, "unsigned32": 32}
 AXES = {
     "gyro": "xyz",
@@ -159,51 +164,34 @@ def of_joints(mapping: Mapping, robot: Robot) -> list[Column]:
     return columns
 
 
-def locked(tracks: list[Track], held: dict[str, float], robot: Robot) -> list[Track]:
-    """Tracks with constant positions and commands added for joints that were locked.
+def without_columns(tracks: Sequence[Track], mapping: Mapping, robot: Robot) -> list[Track]:
+    """Constant tracks of joints without columns, at the times of the first position.
+
+    Joints that nothing drove are commanded torques of 0; locked joints have a constant position,
+    which is commanded where they have a drive.
 
     Raises:
-        ParameterError: The robot has no such joint, its drive accepts torques, or the joint has
-            a column of its own.
+        ParameterError: The robot has no such joint, its drive does not fit, or the joint has
+            columns of its own.
     """
-    result, clock = list(tracks), next((track for track in tracks if track.role == "q"), None)
-    for joint, at in held.items():
+    constants = [("undriven", joint, 0.0) for joint in mapping.undriven]
+    constants += [("locked", joint, at) for joint, at in mapping.locked.items()]
+    clock = next((track.t for track in tracks if track.role == "q"), None)
+    result = []
+    for kind, joint, value in constants:
+        is_locked, drive = kind == "locked", robot.drives.get(joint)
         if joint not in robot.joints:
-            raise NameUnknownError("joint for locked", joint, robot.joints)
-        if isinstance(robot.drives.get(joint), TorqueDrive):
+            raise NameUnknownError(f"joint for {kind}", joint, robot.joints)
+        if any(k.place == joint and (is_locked or k.role.startswith("command_")) for k in tracks):
+            columns = "columns of its own" if is_locked else "a command"
+            raise ParameterError(f"{kind}: {joint} has {columns}; leave one of them out")
+        if drive and is_locked == isinstance(drive, TorqueDrive):
             raise ParameterError(
-                f"locked: {joint} has a drive for torques, which cannot hold it; if it never "
-                f"moves, lock it in robot.yaml instead: locked: {{{joint}: {at:g}}}"
+                f"{kind}: {joint} has a drive {UNFIT_DRIVES[kind].format(joint, value)}"
             )
-        if any(track.place == joint for track in tracks):
-            raise ParameterError(f"locked: {joint} has columns of its own; leave one of them out")
-        roles = ["q"] + ["command_position"] * (joint in robot.drives)
-        constant = [] if clock is None else [(clock.t, np.full(len(clock.t), at))]
-        result += [Track(role, joint, t, x, "locked") for role in roles for t, x in constant]
-    return result
-
-
-def undriven(tracks: list[Track], joints: Sequence[str], robot: Robot) -> list[Track]:
-    """Tracks with commanded torques of 0 added for joints that nothing drove.
-
-    Raises:
-        ParameterError: The robot has no such joint, its drive accepts no torques, or the joint has
-            a command.
-    """
-    result, clock = list(tracks), next((track for track in tracks if track.role == "q"), None)
-    for joint in joints:
-        if joint not in robot.joints:
-            raise NameUnknownError("joint for undriven", joint, robot.joints)
-        if any(t.place == joint and t.role.startswith("command_") for t in tracks):
-            raise ParameterError(f"undriven: {joint} has a command; leave one of them out")
-        if joint in robot.drives and not isinstance(robot.drives[joint], TorqueDrive):
-            raise ParameterError(
-                f"undriven: {joint} has a drive that holds positions; say in robot.yaml: "
-                f"drives: {{{joint}: {{kind: torque}}}}"
-            )
-        if joint in robot.drives and clock is not None:
-            zero = np.zeros(len(clock.t))
-            result.append(Track("command_torque", joint, clock.t, zero, "undriven"))
+        command = ["command_position" if is_locked else "command_torque"] * bool(drive)
+        for role in ["q"] * is_locked + command if clock is not None else ():
+            result.append(Track(role, joint, clock, np.full(len(clock), value), kind))
     return result
 
 

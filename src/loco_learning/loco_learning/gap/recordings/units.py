@@ -59,11 +59,13 @@ UNITS: dict[str, tuple[str, float]] = {
 _SPELLINGS = {
     "nm": "N m", "n·m": "N m", "n.m": "N m", "n*m": "N m", "mnm": "mN m", "mn·m": "mN m",
     "°": "deg", "°/s": "deg/s", "degree": "deg", "degrees": "deg", "radian": "rad",
-    "radians": "rad", "µs": "us", "μs": "us", "sec": "s", "m/s²": "m/s^2", "m/s2": "m/s^2",
-    "-": "1", "counts": "count", "ticks": "count", "bool": "1", "ratio": "1", "": "1",
-    "volt": "V", "volts": "V", "ampere": "A", "amps": "A", "kg": "kgf", "kg·cm": "kg cm",
-    "n·cm": "N cm", "ncm": "N cm", "nmm": "mN m", "n·mm": "mN m", "kgcm": "kg cm",
-    "µm": "um", "μm": "um", "deg/sec": "deg/s", "rad/sec": "rad/s",
+    "radians": "rad", "rads": "rad", "µs": "us", "μs": "us", "sec": "s", "secs": "s",
+    "seconds": "s", "msec": "ms", "millis": "ms", "millisec": "ms", "milliseconds": "ms",
+    "usec": "us", "micros": "us", "microseconds": "us", "nsec": "ns", "m/s²": "m/s^2",
+    "m/s2": "m/s^2", "-": "1", "counts": "count", "ticks": "count", "bool": "1", "ratio": "1",
+    "": "1", "volt": "V", "volts": "V", "ampere": "A", "amps": "A", "amp": "A", "ma": "mA",
+    "kg": "kgf", "kg·cm": "kg cm", "n·cm": "N cm", "ncm": "N cm", "nmm": "mN m", "n·mm": "mN m",
+    "kgcm": "kg cm", "µm": "um", "μm": "um", "deg/sec": "deg/s", "rad/sec": "rad/s",
     "degps": "deg/s", "dps": "deg/s", "radps": "rad/s", "rev/sec": "rev/s", "rps": "rev/s",
     "revs": "rev", "turns": "rev", "turns/s": "rev/s", "rotations": "rev", "revolutions": "rev",
 }  # fmt: skip

@@ -267,9 +267,9 @@ def _without_torques(record: Record) -> Record:
 
 
 def moving(record: Record, joints: Sequence[str]) -> np.ndarray:
-    """Whether the motion of each joint tells anything of its columns, (n,).
+    """Whether a simulation of each joint can show mistakes in its columns, (n,).
 
-    It tells nothing of a joint that is held, so that only noise, friction and coupling move it.
+    It cannot for a joint that is held, which only noise, friction and coupling move.
     """
     commands = [record.command[kind] for kind in ("position", "velocity") if kind in record.command]
     moves = np.zeros(len(joints), dtype=bool)

@@ -104,7 +104,8 @@ def joint_scale(bench: Bench) -> list[Finding]:
         def fix(log_by: float, joint: str = joint) -> tuple[Change, ...]:
             return lines(bench, joint, SCALE, float(np.exp(-log_by)), "")
 
-        by = float(np.exp(lowest(lambda x: bench.miss(*fix(x)), np.log(LIMITS.scales))))
+        by = float(np.exp(lowest(lambda x: bench.miss(*fix(x)), np.log(LIMITS.scales),
+                                 np.log(LIMITS.both))))  # fmt: skip
         if 1.0 / LIMITS.both < by < LIMITS.both:
             continue
         unit = commands.named(bench, joint, by)
@@ -272,10 +273,16 @@ def heavier(bench: Bench, by: float) -> tuple[Change, ...]:
     return tuple(Change(MODEL, f"masses.{link}", by * mass) for link, mass in trees.items())
 
 
-def lowest(miss: Callable[[float], float], grid: Sequence[float]) -> float:
-    """Minimum of a function near the best value of an increasing grid, by golden-section search."""
+def lowest(miss: Callable[[float], float], grid: Sequence[float], margin: float = 0.0) -> float:
+    """Minimum of a function near the best value of an increasing grid, by golden-section search.
+
+    If 0 is best, and the function is larger at a distance `margin` to both sides, it is 0.
+    """
     grid = list(grid)
-    k = int(np.argmin([miss(x) for x in grid]))
+    values = [miss(x) for x in grid]
+    k = int(np.argmin(values))
+    if margin and grid[k] == 0.0 and min(miss(-margin), miss(margin)) > values[k]:
+        return 0.0
     low, high = grid[max(k - 1, 0)], grid[min(k + 1, len(grid) - 1)]
     golden = 0.5 * (np.sqrt(5.0) - 1.0)
     for _ in range(LIMITS.sections):

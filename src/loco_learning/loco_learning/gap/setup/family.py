@@ -77,8 +77,8 @@ def _refuted(finding: Finding, bench_of: Callable[[], Bench], record: Record) ->
     if bench.free or not bench.possible:
         return False
     trial = bench(*finding.mends)
-    left = trial.miss(joints) if trial else np.inf
-    if left <= min(bench().miss(joints) / LIMITS.better, LIMITS.left):
+    error = trial.miss(joints) if trial else np.inf
+    if error <= min(bench().miss(joints) / LIMITS.better, LIMITS.left):
         return False
     scaled = commands.scale(bench)
     if record.has("dq") or not roles:

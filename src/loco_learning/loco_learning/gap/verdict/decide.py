@@ -119,7 +119,12 @@ def decide(
         levels: Rms over all records [floors] up to which a channel counts as explained, (C,).
     """
     initial, base = references.given, references.base
+    loudest = float(np.nanmax(evidence.by_channel(base.whole)))
+    slight = f"The model is {loudest:.2f} noise floors off, which no effect tried explains."
+    is_slight = loudest <= CRITERION.unexplained
     if not model.parts:
+        if has_gap(base.whole) and is_slight:
+            return Decision(NO_GAP, (), True, slight)
         if has_gap(base.whole):
             left = base.held.rms
             rest = (
@@ -134,7 +139,7 @@ def decide(
     largely = closes(model, references)
     explains = adequate(base.whole, model.whole, levels)
     explains &= largely or adequate(model.whole, model.whole, levels)  # near the floor by itself
-    if explains and _negligible(weights, base, sliding):
+    if explains and _negligible(weights, loudest, sliding):
         text = (
             f"The model is {initial.held.rms:.2f} noise floors off only because it is sensitive "
             f"there: {model.names[0]} too small to matter explains it."
@@ -143,6 +148,8 @@ def decide(
     parts = enumerate(model.parts)
     terms = tuple(_term(weights, model, i, h.key in uncertain) for i, (h, _) in parts)
     verdict = _overall({r.verdict for r in terms}, explains, largely)
+    if verdict == UNKNOWN and is_slight:
+        return Decision(NO_GAP, (), True, slight)
     loud = None if explains else float(np.nanmax(evidence.by_channel(model.whole)))
     text = _summary(verdict, terms, loud, initial, model)
     persistent = evidence.rms(references.held)
@@ -198,9 +205,12 @@ def _overall(verdicts: Collection[str], explains: bool, closes: bool) -> str:
     return NAMED if explains else PARTLY
 
 
-def _negligible(weights: Weights, base: Fitted, sliding: Collection[str]) -> bool:
-    """True if a small gap may be due to effects that are too small to matter on any robot."""
-    if np.nanmax(evidence.by_channel(base.whole)) > CRITERION.trifle:
+def _negligible(weights: Weights, loudest: float, sliding: Collection[str]) -> bool:
+    """True if a small gap may be due to effects that are too small to matter on any robot.
+
+    `loudest` is the largest rms of a channel without effects [floors].
+    """
+    if loudest > CRITERION.trifle:
         return False
     small = [
         bool(m.parts) and all(is_tiny(*part, sliding) for part in m.parts) for m in weights.models

@@ -373,7 +373,7 @@ class Judgement:
         return bool(np.max(np.abs(self.case.loose.deviations(model.loose))) > MAX_DEVIATION)
 
     def _anew(self, models: Sequence[Fitted]) -> list[Fitted]:
-        """Each model, or its fit with values linearised about the judged one, if better."""
+        """Each model, or its fit with values linearised about the judged model if that is better."""
         if self.about is None:
             return list(models)
         tasks = [(m.parts, self.search.setting, self.about) for m in models]

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import product
@@ -25,6 +26,7 @@ from ..pulls import Pull
 
 PAYLOAD_RANGE = 1.5  # range of payload positions on a base, relative to that of its joints (taste)
 ALONG = 1.0, 1.8, 0.4  # first guesses of the place of a payload, over the centre of mass (taste)
+AT_JOINT = 1e-3  # distance from the joint up to which a centre of mass has no direction [m] (taste)
 FARTHEST = 5.0  # largest coordinate of a payload on a link that turns [m] (taste)
 _INERTIA = (
     "Atkeson, An, Hollerbach 1986, Estimation of inertial parameters of manipulator loads and "
@@ -95,12 +97,17 @@ class Payload(Effect, name="payload"):
 
     @classmethod
     def offers(cls, robot: Any, signals: Sequence[str], motion: Motion) -> list[Offer]:
-        """At the middle of each link, along a rotating link and beside it, anywhere on a base."""
+        """At the middle of each link, along a rotating link and beside it, anywhere on a base.
+
+        Beside a link whose centre of mass is in its joint, as of a flange, as far as others reach.
+        """
         text = Description(robot.urdf)
         rows, size = [], max(0.05 * text.mass(), 0.01)
         base = [] if robot.fixed_base else text.fixed_to(text.root_link())
         trunk = next((body for body in bodies(robot) if body in base), "")
-        for link, com in links(robot):
+        candidates = links(robot)
+        lengths = [max(text.extent(link), math.hypot(*com)) for link, com in candidates]
+        for link, com in candidates:
             mass, fixed = strength(cls, "mass", size), (("link", link),)
             if link == trunk:
                 span = max(PAYLOAD_RANGE * text.extent(link), *map(abs, com))
@@ -108,14 +115,16 @@ class Payload(Effect, name="payload"):
             if link in base:
                 continue
             reach = float(np.linalg.norm(com))
-            if reach < 1e-3 or not len(turning(robot)):
+            if reach < AT_JOINT or not len(turning(robot)):
                 rows.append(Offer(link, (*fixed, ("position", list(com))), (mass,)))
-                continue
-            along = tuple(float(v) / reach for v in com)
-            at = Coordinate("position", reach, ALONG, -FARTHEST, FARTHEST, "m", direction=along)
-            rows.append(Offer(link, fixed, (mass, at)))
-            beside = anywhere(com, reach, FARTHEST, ALONG)
-            rows.append(Offer(link, fixed, (mass, *beside), "beside"))
+                beside = anywhere(com, max(lengths), FARTHEST)
+            else:
+                along = tuple(float(v) / reach for v in com)
+                at = Coordinate("position", reach, ALONG, -FARTHEST, FARTHEST, "m", direction=along)
+                rows.append(Offer(link, fixed, (mass, at)))
+                beside = anywhere(com, reach, FARTHEST, ALONG)
+            if len(turning(robot)):
+                rows.append(Offer(link, fixed, (mass, *beside), "beside"))
         return rows
 
     def configure(self, world: Any) -> None:

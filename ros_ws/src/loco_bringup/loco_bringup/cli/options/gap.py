@@ -61,10 +61,10 @@ def search(p: ArgumentParser) -> None:
 def check(p: ArgumentParser) -> None:
     """Options of `loco gap check`.
 
-    Takes half a minute. Checks the set-up (units, signs, names of joints, scales, gravity, masses,
-    gains), and prints a correction for each mistake. Lists telemetry, timing, the visible effects
-    with joint and smallest visible size, what is missing, and the time of a search. Exit code 2:
-    a recording cannot be used.
+    Takes half a minute, for a robot on the ground longer. Checks the set-up (units, signs, names
+    of joints, scales, gravity, masses, gains), and prints a correction for each mistake. Lists
+    telemetry, timing, the visible effects with joint and smallest visible size, what is missing,
+    and the time of a search. Exit code 2: a recording cannot be used.
     """
     engine(p)
     p.add_argument("bags", nargs="+", metavar="BAG", help="bag folder, .mcap, CSV or JSON file")

@@ -3,12 +3,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Any
 
 from loco_learning.gap.drafting import words
-from loco_learning.gap.drafting.draft import JOINT, Line, written
+from loco_learning.gap.drafting.joints import Joints
+from loco_learning.gap.drafting.lines import JOINT, Line
+from loco_learning.gap.drafting.text import written
 from loco_learning.gap.recordings.tracks import joint_names
 
 from ...bag.reader import Bag
@@ -21,18 +23,17 @@ LISTS = {"position": "positions", "velocity": "velocities", "effort": "effort"} 
 POINTS = {"reference": True, "desired": True, "feedback": False, "actual": False}
 
 
-def of_bag(bag: Bag, joints: Sequence[str], passive: Collection[str] = ()) -> str:
+def of_bag(bag: Bag, robot: Joints) -> str:
     """Text of a mapping for the topics of a bag.
 
     Args:
         bag: The recording.
-        joints: Joints of the robot; empty if the robot is unknown.
-        passive: Joints that are known to have no drive, and need no command.
+        robot: Joints of the robot, without names if it is unknown.
 
     Raises:
         ParameterError: No topic has a supported message type.
     """
-    lines: list[Line] = []
+    lines, joints = list[Line](), robot.names
     for name, topic in sorted(bag.topics.items()):
         reader = READERS.get(topic.type.rpartition("/")[2])
         if reader and topic.count:
@@ -43,10 +44,7 @@ def of_bag(bag: Bag, joints: Sequence[str], passive: Collection[str] = ()) -> st
     order = {joint: row for row, joint in enumerate(joints)}
     retained = [line for line in lines if not joints or line.joint in order or line.key != JOINT]
     strangers = dict.fromkeys(line.joint for line in lines if line not in retained)
-    return written(
-        retained, sorted(bag.topics), joints, bag.path.name,
-        strangers=list(strangers), passive=passive,
-    )  # fmt: skip
+    return written(retained, sorted(bag.topics), robot, bag.path.name, strangers=list(strangers))
 
 
 def first_messages(bag: Bag, name: str) -> list[Any]:
