@@ -29,7 +29,7 @@ def call(*arguments: str) -> int:
         (["msd", "--workers", "0"], "workers must be at least 1, got 0"),
         (
             ["hyq", "--plan", "fast"],
-            "no plan named 'fast'; available: ablations, full, medium, mujoco, quick",
+            "no plan named 'fast'; available: ablations, band, full, medium, mujoco, networks, quick",
         ),
     ],
 )

@@ -120,6 +120,16 @@ def test_the_noise_is_that_of_the_preset_unless_changed():
     assert task("thesis").noise() == text.noise != code.noise
 
 
+def test_the_dampers_are_those_of_the_preset_unless_changed():
+    """The law and the constant of the author's dampers, on the network of the text."""
+    text, mixed, code = (
+        t.params() for t in (task("thesis"), task("thesis", dampers_of="author_code"),
+                             task("author_code", max_stiffness=100.0))
+    )  # fmt: skip
+    assert (mixed.damping, mixed.damper) == (code.damping, code.damper) != (10.0, text.damper)
+    assert mixed == text.replace(damping=code.damping, damper=code.damper)
+
+
 def test_values_out_of_range_are_refused():
     with pytest.raises(ParameterError, match=r"MsdTask.nodes must be in \[2"):
         MsdTask(nodes=1)

@@ -16,6 +16,7 @@ from loco_learning.thesis import chapter5, chapter6, chapter7, chapter8, evidenc
 from loco_learning.thesis.evidence import Entry, Evidence
 from loco_learning.thesis.registry import AGREES, DISAGREES, HOLDS, MEASURES, OPEN, ROBOT, Bound
 
+PLANS = ("quick", "medium", "full", "mujoco", "ablations", "networks", "band")
 CLAIMS = {claim.number: claim for claim in registry.claims()}
 JUDGED = [claim for claim in CLAIMS.values() if not claim.robot]
 MODULES = (chapter5, chapter6, chapter7, chapter8)
@@ -271,7 +272,7 @@ def test_every_measure_is_tested_on_results_whose_answer_is_known():
 # ---- plans
 
 
-@pytest.mark.parametrize("plan", ["quick", "medium", "full", "mujoco", "ablations"])
+@pytest.mark.parametrize("plan", PLANS)
 def test_every_study_of_a_plan_reads_and_serves_a_claim(plan):
     used = {name for claim in CLAIMS.values() for name in claim.evidence}
     for name, entry in evidence.plan(plan).items():
@@ -283,7 +284,7 @@ def test_every_study_of_a_plan_reads_and_serves_a_claim(plan):
 def test_a_plan_has_the_runs_that_its_rules_require():
     """Seeds of each study whose rules count them; a study with one seed has one draw."""
     by_place = {"regions", "damping", "falls_coincide"}  # a run is a point of the grid
-    for plan in ("quick", "medium", "full", "mujoco", "ablations"):
+    for plan in PLANS:
         for name, entry in evidence.plan(plan).items():
             needs = [c.runs for c in JUDGED if c.evidence[0] == name and c.measure not in by_place]
             if entry.study and needs:
@@ -349,7 +350,7 @@ def test_chapters_7_and_8_are_judged_with_held_torques_and_ours_beside():
                 assert all(d["drives.*.torque"] == "held" for d in drives), (plan, name)
                 assert all(d["drives.*.period"] == 0.004 for d in drives), (plan, name)
         beside = {e.base for e in entries.values() if e.change == "torque continuous"}
-        assert beside == {"map", "open_loop", "stiffness", "chapter8"}, plan
+        assert beside >= {"map", "open_loop", "stiffness", "chapter8"}, plan
 
 
 def test_a_range_reads_as_a_sentence():

@@ -129,6 +129,26 @@ def test_a_second_plant_repeats_the_run_bit_for_bit(plant, run, as_bytes):
     assert as_bytes(run(second)) == as_bytes(run(first))
 
 
+@pytest.mark.parametrize(
+    ("damping", "builds"), [(None, 1), (32.0, 2)], ids=["as it was built", "with implicit damping"]
+)
+def test_a_plant_is_built_once_and_moves_as_after_a_reset(
+    plant, commands, as_bytes, engine, damping, builds, monkeypatch
+):
+    """Two builds only if the first shows that damping must be left to the steps."""
+    made, build = [], Simulation._build
+    monkeypatch.setattr(Simulation, "_build", lambda sim: (made.append(1), build(sim))[1])
+    sim = plant(
+        from_list([{"name": "payload", "link": "base_link", "mass": 5.0}]), engine=engine,
+        overrides={"drives.*_kfe_joint.swing_kd": damping} if damping else None,
+    )  # fmt: skip
+    assert len(made) == builds
+    first = [sim.step(*commands(k)) for k in range(20)]
+    sim.reset()
+    assert len(made) == builds + 1
+    assert as_bytes(first) == as_bytes([sim.step(*commands(k)) for k in range(20)])
+
+
 PROGRAM = """
 import hashlib, numpy as np
 from dataclasses import fields

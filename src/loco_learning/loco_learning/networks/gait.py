@@ -55,15 +55,18 @@ class MsdTask(Params):
     saturation: float = parameter(1.0, "factor in both tanh, 0.881 in the author's code", low=0.0)
     noisy: bool = parameter(True, "disturb the evaluations with the noise of the preset")
     noise_of: str = parameter("", "preset whose noise that is; empty: `preset`")
+    dampers_of: str = parameter("", "preset whose dampers the links have; empty: `preset`")
     evaluations: int = parameter(15000, "stop after so many", low=1)
     sigma: float = parameter(0.2, "first step size in the unit box", low=1e-6, high=1.0)
     seed: int = parameter(0, "of the search and its noise", low=0)
 
     def params(self) -> MsdParams:
         """Parameters of the network."""
+        dampers = preset(self.dampers_of or self.preset).params
         return preset(self.preset).params.replace(
-            nodes=self.nodes, total_mass=self.total_mass, stiffness=self.max_stiffness
-        )
+            nodes=self.nodes, total_mass=self.total_mass, stiffness=self.max_stiffness,
+            damping=dampers.damping, damper=dampers.damper,
+        )  # fmt: skip
 
     def noise(self) -> NoiseParams:
         """Disturbances of the evaluations."""

@@ -11,13 +11,14 @@ from __future__ import annotations
 import json
 import logging
 from collections.abc import Callable
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from loco_control.exceptions import LocoError, NameUnknownError
+from loco_control.files import write_whole
 from loco_control.params import to_dict
 from loco_sim.msd.network import chain
 from loco_sim.msd.params import NoiseParams
@@ -54,12 +55,9 @@ class Plan:
     loop_repetitions: int = 10
     noises: tuple[float, ...] = _levels(25)
     regularisations: tuple[float, ...] = (1e-6, 1e-4, 1e-2, 1.0, 100.0, 1e4)
-    changes: dict[str, Any] = field(default_factory=dict)  # values of each search's `MsdTask`
+    search: dict[str, Any] = field(default_factory=dict)  # values of each search's `MsdTask`
+    loop: dict[str, Any] = field(default_factory=dict)  # values of each closed loop's `LoopParams`
 
-
-# The small networks of quick alone, for claims 6.1 to 6.3.
-_ABLATION = Plan(nodes=(3, 4, 5, 6), repetitions=5, omega_nodes=(), powers=(),
-                 loop_repetitions=0, disturbed=(0, 0), noises=())  # fmt: skip
 
 PLANS = {
     "quick": Plan(),
@@ -76,10 +74,17 @@ PLANS = {
         power_evaluations=15000,
         noises=_levels(75),
     ),
-    "ablation": _ABLATION,
-    "ablation_noise": replace(_ABLATION, changes={"noise_of": "author_code"}),
-    "ablation_quiet": replace(_ABLATION, changes={"noise_of": "thesis"}),
-}
+    "small": Plan(  # the small networks of quick alone: claims 6.1 to 6.3
+        nodes=(3, 4, 5, 6), repetitions=5, omega_nodes=(), powers=(), loop_repetitions=0,
+        disturbed=(0, 0), noises=(),
+    ),
+    "loops": Plan(  # gaits of full with the sizes of quick, and their loops: 6.4, 6.10, 6.13 to 6.15
+        budget=(1100, 3000), omega_nodes=(), powers=(), regularisations=(), noises=_levels(75)
+    ),
+    "band": Plan(  # the frequencies of full alone: 6.6 and 6.7
+        nodes=(), omega_evaluations=10000, powers=(), loop_repetitions=0, disturbed=(0, 0),
+    ),
+}  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -98,15 +103,18 @@ class Job:
         return self.task.nodes * (self.task.evaluations if not self.source else 2000.0)
 
 
-def plan(name: str) -> Plan:
-    """One of `PLANS`.
+def plan(name: str, **changes: Any) -> Plan:
+    """One of `PLANS`, with other values of some fields.
 
     Raises:
-        NameUnknownError: The plan does not exist.
+        NameUnknownError: The plan, or a field, does not exist.
     """
     if name not in PLANS:
         raise NameUnknownError("plan", name, PLANS)
-    return PLANS[name]
+    for key in changes:
+        if key not in (names := [each.name for each in fields(Plan)]):
+            raise NameUnknownError("value of a plan of chapter 6", key, names)
+    return replace(PLANS[name], **changes)
 
 
 def gait_jobs(p: Plan, preset: str) -> list[Job]:
@@ -116,13 +124,13 @@ def gait_jobs(p: Plan, preset: str) -> list[Job]:
         evaluations = p.budget[0] * nodes + p.budget[1]
         extra = p.disturbed[0] if nodes == biggest(p) else 0
         for seed in range(max(p.repetitions, extra)):
-            t = task(preset, nodes=nodes, evaluations=evaluations, seed=seed, **p.changes)
+            t = task(preset, nodes=nodes, evaluations=evaluations, seed=seed, **p.search)
             jobs.append(Job(f"nodes_{nodes}_{seed}", t))
     for nodes in p.omega_nodes:
         for k, frequency in enumerate(p.frequencies):
             for seed in range(p.omega_repetitions):
                 t = task(preset, nodes=nodes, frequency=frequency, seed=seed,
-                         evaluations=p.omega_evaluations, **p.changes)  # fmt: skip
+                         evaluations=p.omega_evaluations, **p.search)  # fmt: skip
                 jobs.append(Job(f"omega_{nodes}_{k}_{seed}", t))
     for power in p.powers:
         for frequency in p.power_frequencies:
@@ -131,7 +139,7 @@ def gait_jobs(p: Plan, preset: str) -> list[Job]:
                 # those of the author's code.
                 t = task(
                     preset, frequency=frequency, seed=seed, evaluations=p.power_evaluations,
-                    power="author", score="budget", power_ref=power, speed_ref=100.0, **p.changes,
+                    power="author", score="budget", power_ref=power, speed_ref=100.0, **p.search,
                 )  # fmt: skip
                 jobs.append(Job(f"power_{power:g}_{frequency:g}_{seed}", t))
     return jobs
@@ -139,12 +147,12 @@ def gait_jobs(p: Plan, preset: str) -> list[Job]:
 
 def biggest(p: Plan) -> int:
     """Size of the networks whose loops are disturbed: 20 nodes, as in the thesis."""
-    return 20 if 20 in p.nodes else max(p.nodes)
+    return 20 if 20 in p.nodes else max(p.nodes, default=0)
 
 
 def later_jobs(p: Plan, preset: str) -> list[Job]:
     """Jobs that need the gaits of earlier jobs."""
-    loop, jobs = LOOPS[preset], []
+    loop, jobs = LOOPS[preset].replace(**p.loop), []
     gaits = {job.name: job for job in gait_jobs(p, preset)}
     for nodes in p.nodes:
         for seed in range(p.loop_repetitions):
@@ -232,30 +240,36 @@ def _noise(job: Job, gait: Gait, repetitions: int = 10) -> Curves:
 
 
 def run(
-    name: str,
+    p: Plan,
     preset: str,
     folder: str | Path,
     workers: int = 2,
     scheduler: str = "",
     on_progress: Callable[[int, int, str], Any] | None = None,
+    finished: Path | None = None,
 ) -> None:
     """Run all jobs of a plan that have no result yet.
 
     Args:
-        name: ``quick``, ``medium`` or ``full``.
+        p: The plan.
         preset: ``thesis`` or ``author_code``.
         folder: Folder of the files of the jobs.
         workers: Number of processes; 1 runs in this process.
         scheduler: Address of a dask scheduler to use instead, whose workers access `folder` by
             the same path.
         on_progress: Called with the number of finished jobs, of all jobs, and the latest name.
+        finished: Folder of another plan, from which results of the same jobs are copied.
     """
     folder = Path(folder)
     folder.mkdir(parents=True, exist_ok=True)
-    stages = [gait_jobs(plan(name), preset), later_jobs(plan(name), preset)]
+    stages = [gait_jobs(p, preset), later_jobs(p, preset)]
     total, count = sum(len(stage) for stage in stages), 0
     for stage in stages:
         missing = [job for job in stage if not is_done(job, folder)]
+        if finished:
+            for job in (job for job in missing if is_done(job, finished)):
+                write_whole(folder / f"{job.name}.npz", (finished / f"{job.name}.npz").read_bytes())
+            missing = [job for job in missing if not is_done(job, folder)]
         count += len(stage) - len(missing)
         missing.sort(key=lambda job: -job.cost)
         several = workers > 1 and len(missing) > 1
@@ -267,9 +281,9 @@ def run(
                     on_progress(count, total, missing[index].name)
 
 
-def remaining(name: str, preset: str, folder: Path) -> tuple[int, int]:
+def remaining(p: Plan, preset: str, folder: Path) -> tuple[int, int]:
     """Number of jobs of a plan without a result, and of all its jobs; arguments as for `run`."""
-    jobs = [*gait_jobs(plan(name), preset), *later_jobs(plan(name), preset)]
+    jobs = [*gait_jobs(p, preset), *later_jobs(p, preset)]
     return sum(not is_done(job, folder) for job in jobs), len(jobs)
 
 

@@ -14,7 +14,7 @@ from loco_sim.msd.network import chain
 from loco_sim.msd.simulation import MsdSimulation
 
 from .gait import MsdResult, driving_power
-from .jobs import Curves, gait_jobs, later_jobs, load_curves, plan
+from .jobs import Curves, Plan, gait_jobs, later_jobs, load_curves
 
 KMH = 3.6  # per m/s
 
@@ -53,9 +53,9 @@ class Results:
         }
 
 
-def load(name: str, preset: str, folder: str | Path) -> Results:
+def load(p: Plan, preset: str, folder: str | Path) -> Results:
     """Read all available results of a plan."""
-    folder, p = Path(folder), plan(name)
+    folder = Path(folder)
     out = Results(frequencies=p.frequencies, preset=preset)
     for job in (*gait_jobs(p, preset), *later_jobs(p, preset)):
         kind, *key = job.name.split("_")

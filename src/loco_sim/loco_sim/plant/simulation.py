@@ -114,7 +114,7 @@ class Simulation:
     def _refine(self) -> None:
         """Choose sub-steps or implicit damping (`stability.plan`)."""
         world = self._world
-        world.rebuild(self._standing, self._functions("configure"), self.robot.height)
+        self._build()
         hooks = *ON_TORQUES, "on_motor", "on_brake"
         acting = [effect for effect in self._effects if not effect.absent()]
         solve = not any(overrides(effect, hook) for effect in acting for hook in hooks)
@@ -134,15 +134,20 @@ class Simulation:
             log.info("damping is solved with the physics step: it is too large to be held over one")
         self._steps *= count
         world.dt = self.dt / self._steps
+        self._is_built = count == 1 and not world.damped
 
     def _passive_damping(self) -> np.ndarray:
         """Damping of the joints themselves [N·m·s/rad], (n,)."""
         return np.array([self._world.description.damping(j) for j in self.robot.joints])
 
-    def _rebuild(self) -> None:
-        """Rebuild the world with the changes of the effects."""
+    def _build(self) -> None:
         self._world.rebuild(self._standing, self._functions("configure"), self.robot.height)
-        self._is_new = True  # nothing has moved since
+
+    def _rebuild(self) -> None:
+        """Rebuild the world with the changes of the effects, unless it was just built with them."""
+        if not self._is_built:
+            self._build()
+        self._is_built, self._is_new = False, True  # nothing has moved since
         if self._world.damped:
             self._damped = DampedDrives(self._drive, self._passive_damping())
 

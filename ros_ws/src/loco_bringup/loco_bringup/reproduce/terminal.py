@@ -93,7 +93,8 @@ def _run(entry: Entry, folder: Path, workers: int, scheduler: str, only_cost: bo
     elif only_cost:
         console.print(f"{entry.name}: {NOT_TIMED}")
     elif entry.physics == "msd":
-        _run_msd(entry, folder, workers, scheduler)
+        base = folder.parent / entry.base / "runs" if entry.base else None
+        _run_msd(entry, folder, workers, scheduler, base)
     else:
         options = CalibrationParams(generations=entry.options["generations"])
         job = calibrator.prepare(
@@ -140,7 +141,7 @@ def reproduce_msd(
     known(preset)
     folder = folder or Path("results") / f"msd_{preset}_{plan}"
     if only_cost:
-        to_go, every = msd_jobs.remaining(plan, preset, folder / "runs")
+        to_go, every = msd_jobs.remaining(msd_jobs.plan(plan), preset, folder / "runs")
         console.print(f"{to_go} of {every} runs to go, {NOT_TIMED}")
         return 0
     check_writable(folder)
@@ -149,7 +150,7 @@ def reproduce_msd(
 
 
 def _run_msd(
-    entry: Entry, folder: Path, workers: int, scheduler: str
+    entry: Entry, folder: Path, workers: int, scheduler: str, finished: Path | None = None
 ) -> tuple[list[Verdict], Path]:
     """Run the missing jobs of chapter 6; verdicts on its claims, and their page."""
     plan, preset = entry.options["plan"], entry.options["preset"]
@@ -159,7 +160,9 @@ def _run_msd(
         def show_progress(done: int, total: int, name: str) -> None:
             progress.update(task, completed=done, total=total, last=name)
 
-        msd_jobs.run(plan, preset, folder / "runs", workers, scheduler, show_progress)
+        msd_jobs.run(
+            _msd_plan(entry), preset, folder / "runs", workers, scheduler, show_progress, finished
+        )
     loaded = _msd_results(entry, folder)
     results = Evidence({"msd": entry}, folder, {"msd": lambda: loaded})
     claims = [c for c in registry.claims() if c.number.startswith(WHAT["msd"])]
@@ -171,4 +174,8 @@ def _run_msd(
 
 
 def _msd_results(entry: Entry, folder: Path) -> msd_results.Results:
-    return msd_results.load(entry.options["plan"], entry.options["preset"], folder / "runs")
+    return msd_results.load(_msd_plan(entry), entry.options["preset"], folder / "runs")
+
+
+def _msd_plan(entry: Entry) -> msd_jobs.Plan:
+    return msd_jobs.plan(entry.options["plan"], **entry.options.get("settings", {}))
