@@ -125,8 +125,9 @@ def mutants(p: ArgumentParser) -> None:
     """Options of `loco mutants`.
 
     Each mutant is one small change (a comparison, a sign, a number, a removed call) in a
-    copy of the sources. The tests of that module run on it, and mutants that no test detects
-    are listed. A stopped run continues with the same command.
+    copy of the sources. The tests of that module run on it, then the others of their folder
+    and those that import it. Mutants that no test detects are listed. A stopped run continues
+    with the same command.
     """
     option(p, "--only", "", "modules whose path has it: safety", "TEXT")
     option(p, "--limit", 0, "mutants in all, drawn at random (default all)", "N")

@@ -109,7 +109,7 @@ def test_a_change_of_the_tests_begins_anew_or_with_the_survivors(clone):
 
 def test_a_copy_of_the_package_that_knows_the_clone_is_in_one():
     module = "ros_ws/src/loco_bringup/loco_bringup/graph/guard.py"
-    with run.Nursery(ROOT, module) as nursery:
+    with run.Nursery(ROOT, module, run.PROTECTING[module]) as nursery:
         assert nursery.ask((ROOT / module).read_text(), 200.0) == "0"
 
 
@@ -128,6 +128,38 @@ def test_tests_that_fail_anyway_are_refused(clone):
     (clone / TESTS[0]).write_text("def test_no():\n    assert False\n")
     with pytest.raises(LocoError, match="fail without a change"):
         survey(clone, limit=1)
+
+
+@pytest.mark.parametrize(
+    ("path", "text", "concerns"),
+    [
+        ("tests/guarded/test_beside.py", "", True),
+        ("tests/more/test_more.py", "from guarded import this, other\n", True),
+        ("tests/more/test_more.py", "def test():\n    import guarded.other as one\n", True),
+        ("tests/more/test_more.py", "from guarded.other import unseen\n", True),
+        ("tests/more/test_more.py", "from guarded import another\n", False),
+        ("tests/more/test_more.py", "from guarded.others import other\n", False),
+        ("tests/more/test_more.py", "import guarded\n", False),
+    ],
+)
+def test_a_module_concerns_the_tests_of_its_folder_and_those_that_import_it(
+    clone, monkeypatch, path, text, concerns
+):
+    module = "src/guarded/other.py"
+    monkeypatch.setattr(run, "PROTECTING", {module: TESTS})
+    for each, content in ((module, ""), (path, text)):
+        write_whole(clone / each, content)
+    assert run.elsewhere(clone, module) == (path,) * concerns
+
+
+def test_what_its_tests_miss_is_noticed_by_others_and_is_one_verdict(clone):
+    more = "import guarded\n\n\ndef test_unseen():\n    assert guarded.unseen(2)\n"
+    write_whole(clone / "tests/guarded/test_more.py", more)
+    verdicts, new = survey(clone)
+    assert new == len(verdicts) == len({v.change for v in verdicts})
+    assert ends(verdicts) == {"seen killed", "unseen survived"}
+    missed = {v.change for v in verdicts if v.end == "survived"}
+    assert missed == {"unseen: 3 -> 4", "unseen: x < 3 -> x <= 3"}
 
 
 @pytest.mark.parametrize(

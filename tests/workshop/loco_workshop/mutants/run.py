@@ -6,6 +6,7 @@ from __future__ import annotations
 import hashlib
 import json
 import random
+import re
 import subprocess
 import sys
 import time
@@ -114,6 +115,8 @@ def survey(
 ) -> list[Verdict]:
     """Test mutants of modules.
 
+    A mutant that the module's own tests do not detect survives if no test of `elsewhere` does.
+
     Args:
         root: Root of the clone.
         modules: Keys of `PROTECTING`.
@@ -141,18 +144,47 @@ def survey(
         made = random.Random(seed).sample(made, limit)
     for module in modules:
         drawn = sorted((each for of, each in made if of == module), key=lambda m: m.line)
-        source, tests = _digest(root, [module]), _digest(root, PROTECTING[module])
+        others = elsewhere(root, module) if drawn else ()
+        source, tests = _digest(root, [module]), _digest(root, [*PROTECTING[module], *others])
         by_change = {
             row["change"]: row["end"] for row in journal.rows
             if row["module"] == module and row["source"] == source
             and (row["tests"] == tests or (survivors and row["end"] in NOTICED))
         } | dict.fromkeys(EQUIVALENT.get(module, {}), "equivalent")  # fmt: skip
-        for verdict in _judged(root, module, drawn, workers, by_change):
-            if verdict.change not in by_change:
-                journal.append({**asdict(verdict), "source": source, "tests": tests})
-            verdicts.append(verdict)
-            tell(verdict)
+        for chosen in (PROTECTING[module], others):
+            left = []
+            for mutant, verdict in _judged(root, module, chosen, drawn, workers, by_change):
+                is_new = verdict.change not in by_change
+                if is_new and verdict.end == "survived" and others and chosen is not others:
+                    left.append(mutant)
+                    continue
+                if is_new:
+                    journal.append({**asdict(verdict), "source": source, "tests": tests})
+                verdicts.append(verdict)
+                tell(verdict)
+            drawn = left
     return verdicts
+
+
+def elsewhere(root: Path, module: str) -> tuple[str, ...]:
+    """Other tests that concern a module: in the folder named as its own, and those that import it.
+
+    Args:
+        root: Root of the clone.
+        module: Key of `PROTECTING`.
+    """
+    own, top = PROTECTING[module], (root / module).parent
+    while (top / "__init__.py").exists():
+        top = top.parent
+    *package, name = (root / module).relative_to(top).with_suffix("").parts
+    dotted = re.escape(".".join(package))
+    imports = re.compile(rf"^ *(from|import) {dotted}(\.{name}\b| import .*\b{name}\b)", re.M)
+    folder = Path(root, "tests", *package)
+    found = [
+        path.relative_to(root).as_posix() for path in sorted((root / "tests").rglob("test_*.py"))
+        if path.parent == folder or imports.search(path.read_text(encoding="utf-8"))
+    ]  # fmt: skip
+    return tuple(path for path in found if path not in own)
 
 
 def _digest(root: Path, paths: Iterable[str]) -> str:
@@ -161,17 +193,18 @@ def _digest(root: Path, paths: Iterable[str]) -> str:
 
 
 def _judged(
-    root: Path, module: str, drawn: list[Mutant], workers: int, known: dict[str, str]
-) -> Iterator[Verdict]:
-    """Verdicts of mutants in order; known verdicts are not repeated."""
+    root: Path, module: str, tests: tuple[str, ...], drawn: list[Mutant], workers: int,
+    known: dict[str, str],
+) -> Iterator[tuple[Mutant, Verdict]]:  # fmt: skip
+    """Verdicts of tests about mutants in order; known verdicts are not repeated."""
     with ExitStack() as stack:
         free: Queue[Nursery] = Queue()
         missing = [each for each in drawn if each.key not in known]
         for _ in range(min(workers, len(missing))):
-            free.put(stack.enter_context(Nursery(root, module)))
+            free.put(stack.enter_context(Nursery(root, module, tests)))
         if missing:
             first = free.get()
-            allowed = _patience(first, module, (root / module).read_text(encoding="utf-8"))
+            allowed = _patience(first, tests, (root / module).read_text(encoding="utf-8"))
             free.put(first)
 
         def judge(mutant: Mutant) -> Verdict:
@@ -185,18 +218,15 @@ def _judged(
             return Verdict(module, mutant.line, mutant.key, end, round(seconds, 3))
 
         with ThreadPoolExecutor(workers) as pool:
-            yield from pool.map(judge, drawn)
+            yield from zip(drawn, pool.map(judge, drawn), strict=True)
 
 
-def _patience(nursery: Nursery, module: str, text: str) -> float:
+def _patience(nursery: Nursery, tests: tuple[str, ...], text: str) -> float:
     """Time-out of a mutant [s]: a multiple of the original's time, after compilation."""
     for _ in range(2):
         began = time.perf_counter()
-        if (end := nursery.ask(text, 600.0)) != "0":
-            raise LocoError(
-                f"the tests of {module} fail without a change ({end}): "
-                f"{' '.join(PROTECTING[module])}"
-            )
+        if (end := nursery.ask(text, 1800.0)) != "0":
+            raise LocoError(f"tests fail without a change ({end}): {' '.join(tests)}")
     return PATIENCE * (time.perf_counter() - began + 2.0)
 
 
@@ -206,10 +236,11 @@ class Nursery:
     Args:
         root: Root of the clone.
         module: Key of `PROTECTING`.
+        tests: Test files, in the order in which they run.
     """
 
-    def __init__(self, root: Path, module: str):
-        command = [sys.executable, "-m", nursery.__name__, str(root), module, *PROTECTING[module]]
+    def __init__(self, root: Path, module: str, tests: tuple[str, ...]):
+        command = [sys.executable, "-m", nursery.__name__, str(root), module, *tests]
         self._process = subprocess.Popen(
             command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True,
             start_new_session=True,
