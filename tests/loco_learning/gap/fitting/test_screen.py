@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from loco_control.exceptions import ParameterError
-from loco_learning.gap.fitting.screen import NEGLIGIBLE, _quiet
+from loco_learning.gap.fitting.screen import NEGLIGIBLE, RUNGS, TRIES, _quiet
 from loco_learning.gap.fitting.screen import screen as screened
 from loco_learning.gap.hypotheses import hints
 from loco_learning.gap.hypotheses.bundles import Batch
@@ -165,6 +165,25 @@ def test_what_cannot_be_built_explains_nothing_and_does_not_keep_others_from_it(
     rubs, failed = screened(case, bundle, [], {}, [0], vector([], {}, [0], True))
     assert rubs.share == pytest.approx(1.0) and not rubs.failed
     assert (failed.share, failed.dead, failed.failed) == (0.0, True, "no such delay")
+
+
+@pytest.mark.parametrize("level", [0.01, 0.3, 1.5])
+@pytest.mark.parametrize("above", [0.0, 1e3, np.inf])
+def test_what_does_the_same_at_every_size_is_left_after_a_few(level, above):
+    """Friction that holds a joint, or nothing up to some size: it has no end."""
+    t, count = np.linspace(0.0, 20.0, 400), 0
+
+    def vector(specs, overrides, only, coarse):
+        nonlocal count
+        count += 1
+        assert count < 50
+        acts = sum(abs(spec["torque"]) > above * laws.TORQUE.size for spec in specs)
+        return np.sin(t) + level * acts * np.cos(t)
+
+    case = SimpleNamespace(vector=vector, channel_of=lambda only: np.zeros(400, int), rounds=True)
+    law = laws.hypothesis("coulomb_friction", replace(laws.TORQUE, high=1e12))
+    (found,) = screened(case, Batch((law,), (None,)), [], {}, [0], np.sin(t))
+    assert found.share < NEGLIGIBLE and found.cost <= TRIES + RUNGS + 1
 
 
 @pytest.mark.parametrize(("count", "share"), [(1, 1.0), (2, 0.9), (3, 0.9)])

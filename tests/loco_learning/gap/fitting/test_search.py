@@ -151,6 +151,23 @@ def test_fits_beside_fitted_models_are_told_the_cost_at_which_they_are_hopeless(
     assert setting.hopeless == pytest.approx(cost * np.exp(AT_JUMPS) if cost else np.inf)
 
 
+@pytest.mark.parametrize(
+    ("nominal", "stated", "asked"),
+    [
+        ({}, None, False),
+        ({}, (False, False), False),
+        ({}, (False, True), True),
+        ({"drives.knee.kp": 2.0}, None, True),
+        ({"drives.knee.kp": 2.0}, (False,), True),
+    ],
+)
+def test_values_are_asked_for_if_any_is_free_or_stated_uncertain(nominal, stated, asked):
+    loose = None if stated is None else SimpleNamespace(stated=np.array(stated))
+    search = object.__new__(Search)
+    search.nominal, search.case = nominal, SimpleNamespace(loose=loose)
+    assert search.asked is asked
+
+
 KP, SENSED = "drives.knee.kp", 600
 
 

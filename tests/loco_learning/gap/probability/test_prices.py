@@ -32,11 +32,33 @@ def test_a_shape_on_its_bound_makes_another_law(law, x, edge):
     assert prices.on_edge(law, x, 0.01) is edge
 
 
+@pytest.mark.parametrize("bound", [-3.0, 0.0, 3.0])
+def test_a_value_at_its_bound_is_on_it_whatever_the_margin_and_the_side(bound):
+    for bounds in ((bound, bound + 1.0), (bound - 1.0, bound), (-np.inf, bound)):
+        assert prices.on_bound(bound, bounds, 0.0) and prices.on_bound(bound, bounds, 0.1)
+        assert not prices.on_bound(bound + 0.5, bounds, 0.05)
+    assert not prices.on_bound(bound, (-np.inf, np.inf), 0.5)
+
+
 def test_a_parameter_more_costs_and_one_less_pays():
     simple, rich = fitted(COULOMB), fitted(STRIBECK)
     assert prices.occam(simple, simple) == 0.0
     assert prices.occam(rich, simple) == pytest.approx(-prices.occam(simple, rich))
     assert prices.occam(rich, simple) == pytest.approx(0.5 * np.log(1000.0), rel=0.1)
+
+
+@pytest.mark.parametrize("shape", [0.0, 0.7, -1.4])
+@pytest.mark.parametrize("other", [0.0, 1.0])
+def test_what_a_model_costs_over_another_one_the_other_saves(shape, other):
+    a, b = fitted(STRIBECK, shape), fitted(STRIBECK, other)
+    assert prices.occam(a, b) == pytest.approx(-prices.occam(b, a))
+    assert prices.occam(a, b) == pytest.approx(0.5 * ((shape / 0.7) ** 2 - (other / 0.7) ** 2))
+
+
+def test_a_single_sample_is_no_reason_to_save_a_parameter():
+    some = [np.ones((1, 1))]
+    simple, rich = (replace(fitted(h), whole=some) for h in (COULOMB, STRIBECK))
+    assert prices.occam(rich, simple) == 0.0
 
 
 def test_a_shape_that_no_robot_has_costs_as_its_prior_says():
@@ -70,6 +92,7 @@ def test_a_trifle_is_far_below_what_any_robot_has(name, key):
     prior = EFFECTS[name].identity.priors[key]
     law, compares = hypothesis(name, size), size.unit in prices.COMPARABLE
     assert not prices.is_tiny(law, [prior.high])
+    assert not prices.is_tiny(law, [0.5 * prior.low if prior.low > 0.0 else 0.1 * prior.high])
     for small in (0.0, 0.01 * (prior.low if prior.low > 0.0 else prior.high)):
         assert (
             prices.is_tiny(law, [small]) is compares and prices.is_tiny(law, [-small]) is compares

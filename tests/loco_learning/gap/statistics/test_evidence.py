@@ -90,6 +90,13 @@ def test_an_offset_is_correlated_for_ever():
     assert evidence.correlation_time(np.full(10, np.nan)) == 1.0
 
 
+@pytest.mark.parametrize("count", [1, 2, 3, 4, 5, 100])
+def test_an_offset_alone_is_one_sample_however_often_it_is_measured(count):
+    for level in (1e-6, -3.0):
+        assert evidence.correlation_time(np.full(count, level)) == pytest.approx(count)
+    assert evidence.correlation_time(np.zeros(count)) == 1.0
+
+
 @pytest.mark.parametrize("every", [2, 4, 6, 7, 10])
 def test_the_correlation_time_counts_measured_samples_whatever_the_rows_between_them(every):
     """The mean of a series is as sure however many empty rows there are."""

@@ -7,7 +7,7 @@ import math
 
 import pytest
 
-from loco_learning.gap.statistics.profile import FURTHER, STEPS, interval
+from loco_learning.gap.statistics.profile import FURTHER, HOLDS, STEPS, interval
 
 PROMISED = 2.0  # cost at the end of a 95 % interval [nat]
 
@@ -50,6 +50,39 @@ def test_an_interval_is_longer_where_the_cost_stays_flat(width):
 def test_what_the_data_do_not_show_may_be_nothing_or_anything(one_sided):
     low, high = interval(lambda x: 0.0, 1.0, 3.0, PROMISED, one_sided)
     assert low == (0.0 if one_sided else -math.inf) and high == math.inf
+
+
+@pytest.mark.parametrize("edge", [0.45, 0.2, 0.07, 0.031])
+@pytest.mark.parametrize("radius", [1.0, 2.0])
+def test_a_lower_end_is_the_first_that_costs_enough_below_the_value(edge, radius):
+    """Although the cost rises above the value as well."""
+
+    def cost(x):
+        return PROMISED * (x < edge or x > 1.0)
+
+    low, high = interval(cost, 1.0, radius, PROMISED, True)
+    assert 0.4 * edge <= low < edge and high == 1.0 + radius
+
+
+@pytest.mark.parametrize("unit", [1.0 / 64.0, 0.25, 1024.0])
+@pytest.mark.parametrize("radius", [0.25, 0.75, 2.0])
+@pytest.mark.parametrize("one_sided", [True, False])
+def test_in_another_unit_the_interval_is_the_same(unit, radius, one_sided):
+    def cost(x):
+        return PROMISED * (math.log(max(x, 1e-9) / 0.5) / 0.9) ** 2
+
+    at = interval(cost, 0.5, radius, PROMISED, one_sided)
+    scaled = interval(lambda x: cost(x / unit), 0.5 * unit, radius * unit, PROMISED, one_sided)
+    assert scaled == tuple(unit * end for end in at)
+
+
+@pytest.mark.parametrize(("share", "steps"), [(HOLDS, 1.0), (1.0, FURTHER), (1.0, FURTHER**2)])
+def test_an_end_may_cost_no_more_than_it_has_to(share, steps):
+    """A cost that jumps to just what an end needs, at the first step or at a further one."""
+    low, high = interval(
+        lambda x: share * PROMISED * (abs(x - 8.0) >= 0.25 * steps), 8.0, 0.25, PROMISED, True
+    )
+    assert (low, high) == (8.0 - 0.25 * steps, 8.0 + 0.25 * steps)
 
 
 def test_a_size_of_either_sign_keeps_its_two_sides():

@@ -133,6 +133,37 @@ def test_a_lower_minimum_a_stride_away_is_found():
     assert far.z[0] == pytest.approx(1.0, abs=0.01) and far.cost < 0.5
 
 
+@pytest.mark.parametrize("turn", [1, -1])
+def test_of_several_strides_that_lead_lower_the_lowest_counts_whatever_their_order(turn):
+    """Each of two coordinates has a lower valley; the strides are tried once."""
+
+    def fun(z):
+        bends = 12.0 * (np.square(z) - 1.0)
+        return np.concatenate([bends, [3.0, 6.0] * (z - 1.0)])
+
+    start, bounds = np.full(2, -1.0), (np.full(2, -3.0), np.full(2, 3.0))
+    once = minimise(fun, start, bounds, 0.1, 30).evaluations + 1
+    strides = [(0, 1.9), (1, 1.9)][::turn]
+    found = lowest(fun, start, bounds, 0.1, strides, (once, 30))
+    assert found.z[0] < -0.5 < 0.5 < found.z[1]
+
+
+@pytest.mark.parametrize("turn", [(1.0, 1.0), (-1.0, 1.0), (1.0, -1.0), (-1.0, -1.0)])
+@pytest.mark.parametrize("unit", [0.3, 1.0])
+def test_a_fit_on_a_bound_is_as_quick_on_either_side_and_leaves_the_others_their_best(turn, unit):
+    """A coordinate that would leave its range takes part no more, and the others go on alone."""
+    rng, turn = np.random.default_rng(6), np.array(turn)
+    a = 30.0 * (rng.normal(size=(200, 1)) + 0.3 * rng.normal(size=(200, 2)))
+    low, high = np.array([0.0, -5.0]), np.array([1.0, 5.0])
+    truth = np.array([1.0 + 0.6 * unit, -0.4])
+    bounds = tuple(np.sort([turn * low, turn * high], axis=0))
+    start, free = turn * [1.0, 0.0], (np.full(1, -5.0), np.full(1, 5.0))
+    found = minimise(lambda z: a @ (turn * z - truth), start, bounds, 0.1, 30)
+    alone = minimise(lambda z: a @ ([1.0, *z] - truth), np.zeros(1), free, 0.1, 30)
+    assert turn * found.z == pytest.approx([1.0, *alone.z], abs=1e-6)
+    assert found.evaluations <= alone.evaluations + 2  # two differences
+
+
 @pytest.mark.parametrize(("sign", "alone"), [(1.0, True), (-1.0, False)])
 def test_differences_are_taken_only_where_slopes_lead_nowhere(sign, alone):
     rng, asked = np.random.default_rng(5), []

@@ -34,7 +34,7 @@ def interval(
         Both ends; infinite where the cost never rises as far.
     """
     sides = [_end(cost, at, side * radius, predicted) for side in (-1.0, 1.0)]
-    if one_sided and at > 0.0 and not sides[0] > 0.0:
+    if one_sided and not sides[0] > 0.0:
         sides[0] = _towards(cost, at, predicted)
     return sides[0], sides[1]
 
