@@ -42,6 +42,13 @@ def at(hypothesis, **values):
     return hypothesis, tuple(c.inverse(values[c.name]) for c in hypothesis.coordinates)
 
 
+@pytest.mark.parametrize("h", [laws.COULOMB, laws.STRIBECK])
+def test_a_model_of_usual_shapes_with_nothing_refitted_is_not_strained(h):
+    model = laws.fitted(h)
+    assert (model.strain, model.settled, model.hope) == (0.0, {}, 1.0)
+    assert model.paid == model.count == len(h.coordinates)
+
+
 def test_a_wrong_shape_is_left_behind(bench):
     case, offered = bench([STRIBECK])
     (hypothesis,) = offered["stribeck_friction"].hypotheses

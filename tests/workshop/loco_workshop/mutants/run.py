@@ -79,6 +79,7 @@ BY_HAND: dict[str, dict[str, list[str]]] = yaml.safe_load(
 NOTICED = ("killed", "timeout")
 # Result by exit code of pytest; 2: the tests could not be imported. Negative: a signal.
 _END = {"0": "survived", "1": "killed", "2": "killed", "timeout": "timeout"}
+LONG = 60.0  # wall time of tests [s] above which compilation does not matter
 PATIENCE = 5.0  # time-out of a mutant, in multiples of the original's duration
 
 
@@ -227,7 +228,10 @@ def _patience(nursery: Nursery, tests: tuple[str, ...], text: str) -> float:
         began = time.perf_counter()
         if (end := nursery.ask(text, 1800.0)) != "0":
             raise LocoError(f"tests fail without a change ({end}): {' '.join(tests)}")
-    return PATIENCE * (time.perf_counter() - began + 2.0)
+        seconds = time.perf_counter() - began
+        if seconds > LONG:
+            break
+    return PATIENCE * (seconds + 2.0)
 
 
 class Nursery:
