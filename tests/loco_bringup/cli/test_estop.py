@@ -89,3 +89,43 @@ def test_no_robot_is_one_clear_line():
     assert done.stderr.strip().splitlines()[-1] == (
         f"loco: no robot offers the service set_estop on domain {domain}"
     )
+
+
+PLANT = """
+import sys, time, rclpy
+from std_srvs.srv import SetBool
+from loco_control.ros.parameters import sealed_node
+
+def serve(request, response):
+    print(f"{namespace} {time.monotonic()}", flush=True)
+    time.sleep(float(seconds))
+    response.success, response.message = True, "stopped"
+    return response
+
+namespace, seconds = sys.argv[1:]
+rclpy.init(args=[])
+node = sealed_node("plant", namespace=namespace)
+node.create_service(SetBool, "set_estop", serve)
+print("ready", flush=True)
+rclpy.spin(node)
+"""
+
+
+def test_a_robot_that_does_not_answer_does_not_keep_the_others_from_stopping():
+    """All are asked, also those discovered later; the first in the alphabet is too slow."""
+    plants = [
+        subprocess.Popen([sys.executable, "-c", PLANT, *arguments], env=_environment(),
+                         stdout=subprocess.PIPE, text=True)
+        for arguments in (("/a", "7"), ("/b", "0"))
+    ]  # fmt: skip
+    try:
+        assert [plant.stdout.readline() for plant in plants] == ["ready\n"] * 2
+        done = loco("estop")
+        assert done.returncode == 1
+        assert done.stdout == "/a: no answer within 5 s\n/b: stopped\n"
+        slow, quick = (float(plant.stdout.readline().split()[1]) for plant in plants)
+        assert abs(slow - quick) < 4.0  # before the time of the slow one is over
+    finally:
+        for plant in plants:
+            plant.kill()
+            plant.communicate()

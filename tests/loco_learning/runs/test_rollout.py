@@ -308,3 +308,20 @@ def test_a_robot_with_legs_follows_oscillators_too():
     found = metrics.table(log)["open loop"]
     assert {"power", "tracking_error", "step_height"} <= set(found)
     assert not {"speed", "passive_range", "nrmse"} & set(found)
+
+
+@pytest.mark.parametrize(
+    ("name", "together"), [("hyq_pace_open", (0, 2)), ("hyq_bound_open", (0, 1))]
+)
+def test_hyq_paces_and_bounds_at_the_commanded_speed(name, together):
+    """Feet of a side, or of front and back, stand together, and no others do."""
+    log = rollout(load(name, {"learner.train": 9.0}))
+    assert not log.fall and log.complete
+    x, contact = log.columns["position"][:, 0], log.columns["contact"].astype(bool)
+    start = round(5.0 / log.dt)
+    assert (x[-1] - x[start]) / (log.columns["t"][-1] - 5.0) == pytest.approx(0.25, rel=0.25)
+    alike = {
+        pair: np.mean(contact[start:, pair[0]] == contact[start:, pair[1]])
+        for pair in ((0, 1), (0, 2), (0, 3))
+    }
+    assert alike.pop(together) > 0.9 and max(alike.values()) < 0.7

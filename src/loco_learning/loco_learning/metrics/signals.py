@@ -17,7 +17,8 @@ from ..errors import mean_range, mse, nrmse
 def excursion(x: np.ndarray) -> float:
     """Largest minus smallest value; of the trunk height it is the stability S, eq. (3.27).
 
-    Lower is steadier. The thesis uses the centre of mass; here it is the base origin.
+    Lower is steadier. The thesis takes the centre of gravity of the trunk, without the weight of
+    the legs (section 3.6.1); here it is the origin of the base, in the middle of the hips.
     """
     return float(np.ptp(x)) if len(x) else float("nan")
 

@@ -81,8 +81,9 @@ PLANS = {
     "loops": Plan(  # gaits of full with the sizes of quick, and their loops: 6.4, 6.10, 6.13 to 6.15
         budget=(1100, 3000), omega_nodes=(), powers=(), regularisations=(), noises=_levels(75)
     ),
-    "band": Plan(  # the frequencies of full alone: 6.6 and 6.7
-        nodes=(), omega_evaluations=10000, powers=(), loop_repetitions=0, disturbed=(0, 0),
+    "band": Plan(  # the frequencies of two sizes alone: 6.6 and 6.7
+        nodes=(), omega_nodes=(5, 20), omega_evaluations=4000, powers=(), loop_repetitions=0,
+        disturbed=(0, 0),
     ),
 }  # fmt: skip
 

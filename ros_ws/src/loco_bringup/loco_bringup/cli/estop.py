@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import argparse
 import contextlib
+import math
 import os
 import sys
 import termios
@@ -21,7 +22,9 @@ from loco_control.ros.messages.topics import topic
 from ..client import GraphClient
 
 _SERVICE = "set_estop"
-_TIMEOUT = 5.0  # wall time to discover robots, and for each to answer [s]
+_TIMEOUT = 5.0  # wall time to discover robots, and for them to answer [s]
+_AGAIN = 1.0  # wall time after which a stop without an answer is sent again [s]
+_LATER = 1.0  # wall time after the discovery of a robot in which others are looked for [s]
 _KEYS = "space stops, r resets, q quits\n"
 
 
@@ -67,42 +70,55 @@ def _beat(namespace: str, rate: float) -> int:
 
 
 class _Stopper(GraphClient):
-    """Service clients of all selected plants."""
+    """Service clients of all selected plants, also of those that are discovered later."""
 
     def __init__(self, namespace: str | None):
         super().__init__(f"estop_{os.getpid()}")
         self._wanted = None if namespace is None else f"/{namespace}/{_SERVICE}".replace("//", "/")
-        try:
-            self._clients = {n: self.node.create_client(SetBool, n) for n in self._find()}
-        except GraphError:
+        self._clients: dict[str, Any] = {}
+        self._found = 0.0  # wall time of the last discovery [s]
+        if not self.wait(self._look, _TIMEOUT):
             self.close()
-            raise
+            where = self._wanted or _SERVICE
+            domain = os.environ.get("ROS_DOMAIN_ID", "0")
+            raise GraphError(f"no robot offers the service {where} on domain {domain}")
 
-    def _find(self) -> list[str]:
-        end = time.monotonic() + _TIMEOUT
-        while time.monotonic() < end:
-            names = [n for n, _ in self.node.get_service_names_and_types()]
-            services = [n for n in names if n == self._wanted or self._wanted is None]
-            services = [n for n in services if n.rpartition("/")[2] == _SERVICE]
-            if services:
-                return sorted(services)
-            self.spin(0.05)
-        where = "" if self._wanted is None else f" {self._wanted}"
-        domain = os.environ.get("ROS_DOMAIN_ID", "0")
-        raise GraphError(f"no robot offers the service{where or ' ' + _SERVICE} on domain {domain}")
+    def _look(self) -> bool:
+        """Add clients of plants that were discovered; returns whether there is one."""
+        for name, _ in self.node.get_service_names_and_types():
+            is_wanted = name == self._wanted or self._wanted is None
+            if is_wanted and name.rpartition("/")[2] == _SERVICE and name not in self._clients:
+                self._clients[name] = self.node.create_client(SetBool, name)
+                self._found = time.monotonic()
+        return bool(self._clients)
 
     def send(self, stop: bool) -> bool:
-        """Stop or reset all plants, and print the answer of each."""
-        done = []
-        for name, client in self._clients.items():
-            client.wait_for_service(timeout_sec=_TIMEOUT)
-            future: Any = client.call_async(SetBool.Request(data=stop))
-            answer = future.result() if self.wait(future.done, _TIMEOUT) else None
-            text = answer.message if answer else f"no answer within {_TIMEOUT:g} s"
+        """Stop or reset all plants as soon as they are discovered, and print the answer of each.
+
+        A plant that has not discovered this client drops its answer, so a stop is repeated.
+        """
+        asked: dict[str, list[Any]] = {}
+        due: dict[str, float] = {}
+
+        def answers(name: str) -> list[Any]:
+            return [future.result() for future in asked[name] if future.done()]
+
+        def ask() -> bool:
+            self._look()
+            now = time.monotonic()
+            for name, client in self._clients.items():
+                sent = asked.setdefault(name, [])
+                if not answers(name) and client.service_is_ready() and now > due.get(name, 0.0):
+                    sent.append(client.call_async(SetBool.Request(data=stop)))
+                    due[name] = now + _AGAIN if stop else math.inf
+            return all(map(answers, asked)) and now > self._found + _LATER
+
+        self.wait(ask, _TIMEOUT)
+        for name in sorted(asked):
+            text = next((a.message for a in answers(name)), f"no answer within {_TIMEOUT:g} s")
             sys.stdout.write(f"{name.rpartition('/')[0] or '/'}: {text}\n")
-            sys.stdout.flush()
-            done.append(bool(answer and answer.success))
-        return all(done)
+        sys.stdout.flush()
+        return all(any(a.success for a in answers(name)) for name in asked)
 
 
 def _keys() -> Iterator[str]:
