@@ -78,7 +78,7 @@ PLANS = {
         nodes=(3, 4, 5, 6), repetitions=5, omega_nodes=(), powers=(), loop_repetitions=0,
         disturbed=(0, 0), noises=(),
     ),
-    "loops": Plan(  # gaits of full with the sizes of quick, and their loops: 6.4, 6.10, 6.13 to 6.15
+    "loops": Plan(  # gaits of full at the sizes of quick, and their loops: 6.4, 6.10, 6.13 to 6.15
         budget=(1100, 3000), omega_nodes=(), powers=(), regularisations=(), noises=_levels(75)
     ),
     "band": Plan(  # the frequencies of two sizes alone: 6.6 and 6.7

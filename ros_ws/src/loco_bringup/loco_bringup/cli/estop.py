@@ -23,8 +23,8 @@ from ..client import GraphClient
 
 _SERVICE = "set_estop"
 _TIMEOUT = 5.0  # wall time to discover robots, and for them to answer [s]
-_AGAIN = 1.0  # wall time after which a stop without an answer is sent again [s]
-_LATER = 1.0  # wall time after the discovery of a robot in which others are looked for [s]
+_RESEND_AFTER = 1.0  # wall time after which a stop without an answer is requests again [s]
+_DISCOVERY = 1.0  # wall time from the discovery of a robot in which others may follow [s]
 _KEYS = "space stops, r resets, q quits\n"
 
 
@@ -74,22 +74,22 @@ class _Stopper(GraphClient):
 
     def __init__(self, namespace: str | None):
         super().__init__(f"estop_{os.getpid()}")
-        self._wanted = None if namespace is None else f"/{namespace}/{_SERVICE}".replace("//", "/")
+        self._service = None if namespace is None else f"/{namespace}/{_SERVICE}".replace("//", "/")
         self._clients: dict[str, Any] = {}
-        self._found = 0.0  # wall time of the last discovery [s]
-        if not self.wait(self._look, _TIMEOUT):
+        self._discovered_at = 0.0  # wall time of the last discovery [s]
+        if not self.wait(self._discover, _TIMEOUT):
             self.close()
-            where = self._wanted or _SERVICE
+            where = self._service or _SERVICE
             domain = os.environ.get("ROS_DOMAIN_ID", "0")
             raise GraphError(f"no robot offers the service {where} on domain {domain}")
 
-    def _look(self) -> bool:
+    def _discover(self) -> bool:
         """Add clients of plants that were discovered; returns whether there is one."""
         for name, _ in self.node.get_service_names_and_types():
-            is_wanted = name == self._wanted or self._wanted is None
-            if is_wanted and name.rpartition("/")[2] == _SERVICE and name not in self._clients:
+            is_selected = name == self._service or self._service is None
+            if is_selected and name.rpartition("/")[2] == _SERVICE and name not in self._clients:
                 self._clients[name] = self.node.create_client(SetBool, name)
-                self._found = time.monotonic()
+                self._discovered_at = time.monotonic()
         return bool(self._clients)
 
     def send(self, stop: bool) -> bool:
@@ -97,28 +97,29 @@ class _Stopper(GraphClient):
 
         A plant that has not discovered this client drops its answer, so a stop is repeated.
         """
-        asked: dict[str, list[Any]] = {}
-        due: dict[str, float] = {}
+        futures: dict[str, list[Any]] = {}
+        resend_at: dict[str, float] = {}
 
-        def answers(name: str) -> list[Any]:
-            return [future.result() for future in asked[name] if future.done()]
+        def responses(name: str) -> list[Any]:
+            return [future.result() for future in futures[name] if future.done()]
 
-        def ask() -> bool:
-            self._look()
-            now = time.monotonic()
+        def step() -> bool:
+            self._discover()
+            time_now = time.monotonic()
             for name, client in self._clients.items():
-                sent = asked.setdefault(name, [])
-                if not answers(name) and client.service_is_ready() and now > due.get(name, 0.0):
-                    sent.append(client.call_async(SetBool.Request(data=stop)))
-                    due[name] = now + _AGAIN if stop else math.inf
-            return all(map(answers, asked)) and now > self._found + _LATER
+                requests = futures.setdefault(name, [])
+                pending = client.service_is_ready() and not responses(name)
+                if pending and time_now > resend_at.get(name, 0.0):
+                    requests.append(client.call_async(SetBool.Request(data=stop)))
+                    resend_at[name] = time_now + _RESEND_AFTER if stop else math.inf
+            return all(map(responses, futures)) and time_now > self._discovered_at + _DISCOVERY
 
-        self.wait(ask, _TIMEOUT)
-        for name in sorted(asked):
-            text = next((a.message for a in answers(name)), f"no answer within {_TIMEOUT:g} s")
+        self.wait(step, _TIMEOUT)
+        for name in sorted(futures):
+            text = next((r.message for r in responses(name)), f"no answer within {_TIMEOUT:g} s")
             sys.stdout.write(f"{name.rpartition('/')[0] or '/'}: {text}\n")
         sys.stdout.flush()
-        return all(any(a.success for a in answers(name)) for name in asked)
+        return all(any(r.success for r in responses(name)) for name in futures)
 
 
 def _keys() -> Iterator[str]:
