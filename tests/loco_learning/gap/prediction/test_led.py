@@ -9,6 +9,8 @@ import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter1d
 
+from loco_learning.gap.hypotheses import hints
+from loco_learning.gap.hypotheses.hypotheses import offer
 from loco_learning.gap.prediction import case as cases
 from loco_learning.gap.prediction import led
 from loco_learning.gap.prediction.forward import Forward
@@ -291,6 +293,17 @@ def test_a_torque_that_passes_through_a_drive_has_no_spring_in_it(tmp_path, join
     (passed,) = led._with_torques(Model(str(tmp_path), {}, [limit]), [record])
     change = passed.command["torque"][2:] - record.command["torque"][1:-1]
     assert np.median(np.abs(change)) < 0.01 * np.abs(record.command["torque"]).max()
+
+
+def test_a_slope_turns_the_weight_and_is_tried_as_no_sensor_is():
+    slope = {"name": "slope", "pitch": 0.1}
+    forward = led.InverseDynamics(PENDULUM, [swung([slope])])
+    assert rms(forward, [slope]) < 0.3 * rms(forward)
+    case, robot = cases.prepare(forward, forward.records, []), forward.robot()
+    offers = offer(robot, case.signals, hints.find(case, robot))
+    names = {h.effect for h in forward.shown(offers)}
+    assert {"slope", "payload", "coulomb_friction"} <= names
+    assert {"sensor_latency", "sensor_gain"} <= {h.effect for h in offers} - names
 
 
 @pytest.mark.parametrize("effect", [{"name": "sensor_bias", "q": 0.01},

@@ -74,6 +74,7 @@ LEADS = ("torque_constant_error", "joint_offset")  # effects of `COMMAND_SITES` 
 LATE = (DELAY, HOLD, LAG)  # laws with which a torque comes late
 # Sites that an effect may touch, see `Identity.touches`.
 SITES = ("drive", "torque", "brake", "force", "model")
+OF_BASE = ("orientation", "angular_velocity", "linear_acceleration")  # readings not compared here
 
 
 def forward(
@@ -236,7 +237,7 @@ class InverseDynamics(Forward):
         return [
             h
             for h in hypotheses
-            if set(EFFECTS[h.effect].identity.touches) <= set(SITES)
+            if _changes_torques(h.effect)
             and EFFECTS[h.effect].identity.kind not in out
             and (h.place not in text.links() or h.place in bodies)
         ]
@@ -324,6 +325,12 @@ def _outside(effect: Mapping[str, Any]) -> bool:
     name, touches = effect["name"], set(EFFECTS[effect["name"]].identity.touches)
     acts = _acts(effect) or not touches & set(SITES)
     return acts and name not in LEADS and not _is_late(EFFECTS[name])
+
+
+def _changes_torques(name: str) -> bool:
+    """True if an effect changes a torque and no reading of a joint, as a slope beside an IMU."""
+    touches = set(EFFECTS[name].identity.touches)
+    return bool(touches & set(SITES)) and touches <= {*SITES, *OF_BASE}
 
 
 def _acts(effect: Mapping[str, Any]) -> bool:
