@@ -56,6 +56,12 @@ def test_one_record_with_finer_readings_tells_that_it_is_not_the_sensor(plant):
     assert rounding.notes([record(plant, 0.02), record(plant, 0.0)], plant) == []
 
 
+def test_where_no_step_was_detected_there_is_none(plant):
+    coarse = record(plant, 0.02)
+    assert rounding.steps([], plant) == {}
+    assert rounding.steps([coarse, replace(coarse, resolution={})], plant) == {}
+
+
 def test_a_robot_without_sensors_declares_the_step_of_its_drive_alone(plant):
     bare = replace(plant, sensors=None)
     assert rounding.declared(bare, "pivot") == plant.drives["pivot"].resolution
